@@ -20,7 +20,7 @@ LEAST = 0.01  # share of a step, below which a loop is not shown by name
 def watched() -> Iterator[Counter[str]]:
     """CPU seconds of all loops that run meanwhile, by name; of modules that are loaded already."""
     from discsim.numerics import threads
-    from discsim.numerics.teams import cpu_time
+    from discsim.numerics.thread_pool import cpu_time
 
     passes: Counter[str] = Counter()
 
@@ -43,7 +43,11 @@ def watched() -> Iterator[Counter[str]]:
         for name, seconds in spent:
             passes[name] += seconds
 
-    shares = {threads.share: timed, threads.share_all: timed, threads.share_in_turn: timed_in_turn}
+    shares = {
+        threads.parallel_for: timed,
+        threads.parallel_for_ranges: timed,
+        threads.parallel_for_fused: timed_in_turn,
+    }
     modules: list[Any] = list(sys.modules.values())
     users = [
         (module, share.__name__, share)

@@ -20,7 +20,7 @@ from discsim.numerics import threads
 environment.settle(os.environ)
 os.environ["XDG_CACHE_HOME"] = tempfile.mkdtemp(prefix="discsim-tests-")
 collect_rarely()
-threads.LIGHT = 64  # where a test has several threads, they share what they share in runs of many particles
+threads.MIN_CHUNK_CHEAP = 64  # where a test has several threads, they share what they share in runs of many particles
 signal.signal(signal.SIGINT, signal.default_int_handler)
 settings.register_profile("same-every-time", derandomize=True, deadline=None)
 settings.load_profile("same-every-time")
@@ -43,9 +43,9 @@ def four_cores(monkeypatch):
     """As on four cores, whatever number of threads other tests have left."""
     import numba  # only now: it reads the number above
 
-    from discsim.numerics import teams
+    from discsim.numerics import thread_pool
 
     monkeypatch.setattr(numba.config, "NUMBA_NUM_THREADS", 4)
-    token = teams.allowed.set(0)
+    token = thread_pool.thread_limit.set(0)
     yield
-    teams.allowed.reset(token)
+    thread_pool.thread_limit.reset(token)

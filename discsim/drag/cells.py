@@ -15,10 +15,10 @@ from discsim.kernels.drag.blocks import IGNORE, INSIDE, LEVELS
 from discsim.kernels.drag.cells import Corners, relax_blocks
 from discsim.kernels.drag.frame import Frame
 from discsim.kernels.drag.types import Law, Species
-from discsim.numerics import room, world
+from discsim.numerics import alloc, world
 from discsim.numerics.layout import leaves
 from discsim.numerics.sorting import counting_sort, counts
-from discsim.numerics.threads import share
+from discsim.numerics.threads import parallel_for
 from discsim.numerics.totals import mean
 from discsim.parts import Lazy
 from discsim.physics.eos import thermal_speed
@@ -114,7 +114,7 @@ class Blocks(NamedTuple):
     def squares(self) -> tuple[Array, Array]:
         """Return the lower corner (blocks, 2) and the side (blocks,) of each block."""
         lattice, corners, sides = self.lattice, np.empty((len(self.level), 2)), np.empty(len(self.level))
-        share(
+        parallel_for(
             kernels.squares_of, len(sides), self.first_leaf, self.level, lattice.origin, lattice.first, lattice.side,
             corners, sides, light=True,
         )  # fmt: skip
@@ -182,9 +182,9 @@ def sort_into_blocks(drag: Drag, state: State, layout: Layout) -> Blocks:
     # Particles outside the lattice are uncoupled: a block of its own for each species.
     count, population = len(level), drag.classes.number
     number[-1] = count
-    share(kernels.block_keys, len(gas_key), gas_key, number, NOBODY, 1, light=True)
+    parallel_for(kernels.block_keys, len(gas_key), gas_key, number, NOBODY, 1, light=True)
     number[-1] = count + 1
-    share(kernels.block_keys, len(dust_key), dust_key, number, drag.classes.of, population, light=True)
+    parallel_for(kernels.block_keys, len(dust_key), dust_key, number, drag.classes.of, population, light=True)
     gas = counting_sort(gas_key, count + 2, state.gas.place, state.gas.loose)
     dust = counting_sort(dust_key, (count + 2) * population, state.dust.place, state.dust.loose)
     return Blocks(*gas, *dust, first_leaf, level, enlarged, lattice)
@@ -244,8 +244,8 @@ def _shift(drag: Drag, state: State, leaves: Lattice, shifted: bool, mirrored: b
 def _leaf_of_each(part: Lattice, shift: Array, pos: Array) -> Array:
     """Return the leaf (n,) of each position (n, d); the last leaf for positions outside the lattice."""
     low, high = shift - part.margin, shift + part.extent + part.margin
-    key = room.like(pos, np.uint32)
-    share(
+    key = alloc.allocate_like(pos, np.uint32)
+    parallel_for(
         kernels.leaf_keys, len(pos), pos, part.origin, shift, low, high, 1.0 / part.side,
         part.whole, part.first, part.shape, part.periodic, key, light=True,
     )  # fmt: skip
@@ -261,12 +261,12 @@ def merge(gas: Array, dust: Array, h_sum: Array, shape: tuple[int, int], *wanted
     begin = np.append(0, np.cumsum(width * height))
     tree = kernels.Tree(begin, width, height, *np.zeros((2, begin[-1]), bool))
     held = np.zeros(width[-1] * height[-1], np.int64)
-    share(kernels.merge, len(held), gas, dust, h_sum, kernels.Wanted(*wanted), tree, held, least=1)
+    parallel_for(kernels.merge, len(held), gas, dust, h_sum, kernels.Wanted(*wanted), tree, held, least=1)
     start = np.append(0, np.cumsum(held))
     count = start[-1]
     number = np.full(begin[1] + 1, -1, np.int32)
     first_leaf, level, flag = np.empty((count, 2), np.int32), np.empty(count, np.int64), np.empty(count, bool)
-    share(kernels.number_blocks, len(held), start, tree, number, first_leaf, level, flag, least=1)
+    parallel_for(kernels.number_blocks, len(held), start, tree, number, first_leaf, level, flag, least=1)
     return Merged(number, first_leaf, level, flag)
 
 
@@ -327,7 +327,7 @@ def relax_in_blocks(drag: Drag, state: State, dt: float, gas_vel: Array, heat: A
     gas, dust = species_in(drag, state, blocks, gas_vel)
     corners = np.concatenate([blocks.squares()[0], np.zeros((2, 2))])
     times = np.empty((len(corners), drag.classes.number))
-    share(
+    parallel_for(
         relax_blocks, len(corners), gas, dust, Corners(corners, blocks.period(drag.size)), law_of(drag, dt), linear,
         drag.law.nonlinear, drag.classes.several, about_star, times, heat, least=64,
     )  # fmt: skip

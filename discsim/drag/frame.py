@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from discsim.kernels.drag.frame import Frame, multiples_of
-from discsim.numerics import room, world
+from discsim.numerics import alloc, world
 
 if TYPE_CHECKING:
     from discsim.effects.drag import Effect as Drag
@@ -96,7 +96,7 @@ def _only_loose_changed(known: Sample, particles: Particles, every: int) -> bool
 
     This holds while the array begins at the same place in memory, as sorting makes a new one.
     """
-    return known.power == every and world.together.many and room.begin_alike(known.ids, particles.ids)
+    return known.power == every and world.together.many and alloc.begin_alike(known.ids, particles.ids)
 
 
 def _still_there(rows: Array, before: Array, ids: Array, every: int) -> bool:

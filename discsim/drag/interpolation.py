@@ -13,7 +13,7 @@ import numpy as np
 
 from discsim.drag.pairs import Pairs, note_times
 from discsim.kernels.drag import interpolation as kernels
-from discsim.numerics.threads import share
+from discsim.numerics.threads import parallel_for
 
 if TYPE_CHECKING:
     from discsim.effects.drag import Effect as Drag
@@ -38,8 +38,8 @@ def follow(
     rate, other = seen_by_dust(dust, found, gas_now)
     gas_rate, gas_other = seen_by_gas(drag, gas, found, dust_now)
     note_times(drag, dust, found)
-    share(kernels.follow, gas.count, gas_rate, gas_other, gas_now.copy(), gas.acc, dt, implicit, gas_vel, heat)
-    share(kernels.follow, dust.count, rate, other, dust_now.copy(), dust.acc, dt, implicit, dust.vel, NONE)
+    parallel_for(kernels.follow, gas.count, gas_rate, gas_other, gas_now.copy(), gas.acc, dt, implicit, gas_vel, heat)
+    parallel_for(kernels.follow, dust.count, rate, other, dust_now.copy(), dust.acc, dt, implicit, dust.vel, NONE)
 
 
 def seen_by_dust(dust: Dust, found: list[Pairs], gas_vel: Array) -> tuple[Array, Array]:
@@ -47,7 +47,7 @@ def seen_by_dust(dust: Dust, found: list[Pairs], gas_vel: Array) -> tuple[Array,
     rate, other = np.zeros(dust.count), np.zeros_like(dust.vel)
     for pairs in found:
         there = np.empty_like(pairs.cloud.pos)
-        share(kernels.seen_by_dust, len(there), pairs.start, pairs.gas, pairs.part, gas_vel, there)
+        parallel_for(kernels.seen_by_dust, len(there), pairs.start, pairs.gas, pairs.part, gas_vel, there)
         rate[pairs.cloud.members], other[pairs.cloud.members] = pairs.rate, there
     return rate, other
 
@@ -59,7 +59,7 @@ def seen_by_gas(drag: Drag, gas: Gas, found: list[Pairs], dust_vel: Array) -> tu
     rate, pull = np.zeros(gas.count), np.zeros_like(gas.vel)
     for pairs in found if drag.two_way else ():
         cloud = pairs.cloud
-        share(
+        parallel_for(
             kernels.seen_by_gas, gas.count, pairs.by_gas, pairs.begin, pairs.dust, pairs.weight, pairs.time,
             cloud.mass, cloud.density, dust_vel[cloud.members], gas.density, rate, pull,
         )  # fmt: skip

@@ -31,7 +31,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from discsim.drag.base import NO_CELLS, Array, Scheme
-from discsim.numerics.threads import share
+from discsim.numerics.threads import parallel_for
 from discsim.parts import Lazy
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ def relax_each_pair(drag: Drag, state: State, dt: float, gas_vel: Array, heat: A
         cloud = pairs.cloud
         slope, gas_slope = slopes(cloud.sph, cloud, vel), slopes(cloud.sph, gas, gas_seen)
         pull = np.empty(len(pushed))
-        share(
+        parallel_for(
             kernels.push_by_relaxing, cloud.count,
             kernels.Couples(pairs.start, pairs.gas, pairs.part, pairs.time), pairs.offset,
             kernels.Side(gas.mass, gas.density, gas_seen), state.own_acc["gas"], gas_slope,
@@ -85,11 +85,11 @@ def hold_back(pairs: Pairs, gas: Gas, pull: Array, pushed: Array) -> None:
     one, other = np.empty(cloud.count), np.empty(gas.count)
     both, gas_both = np.empty(cloud.count), np.empty(gas.count)
     of_dust, of_gas = (cloud.count, pairs.start, IN_TURN), (gas.count, pairs.begin, pairs.by_gas)
-    share(kernels.shares, *of_dust, pairs.offset, pull, cloud.mass, one)
-    share(kernels.shares, *of_gas, pairs.offset, pull, gas.mass, other)
-    share(kernels.most_shares, *of_dust, pairs.gas, one, other, both)
-    share(kernels.most_shares, *of_gas, pairs.dust, other, one, gas_both)
-    share(kernels.hold_back, cloud.count, pairs.start, pairs.gas, both, gas_both, pushed)
+    parallel_for(kernels.shares, *of_dust, pairs.offset, pull, cloud.mass, one)
+    parallel_for(kernels.shares, *of_gas, pairs.offset, pull, gas.mass, other)
+    parallel_for(kernels.most_shares, *of_dust, pairs.gas, one, other, both)
+    parallel_for(kernels.most_shares, *of_gas, pairs.dust, other, one, gas_both)
+    parallel_for(kernels.hold_back, cloud.count, pairs.start, pairs.gas, both, gas_both, pushed)
 
 
 # Damping is too strong where h > c_s t_stop: Laibe & Price (2012), sec. 4.

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from discsim.drag.base import NO_CELLS, OWN_INTEGRATION, Array, Scheme
-from discsim.numerics.threads import share
+from discsim.numerics.threads import parallel_for
 from discsim.parts import Lazy
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> N
 
     def impulse(pairs: Pairs, vel: Array, gas_seen: Array, pushed: Array) -> None:
         cloud = pairs.cloud
-        share(
+        parallel_for(
             kernels.push_explicitly, cloud.count, pairs.start, pairs.gas, pairs.offset, pairs.part, pairs.time, gas.h,
             cloud.mass, vel, gas_seen, short, pushed,
         )  # fmt: skip

@@ -9,7 +9,7 @@ import numpy as np
 
 from discsim.drag.cells import Blocks, Layout, lattice, law_of, lay_blocks, sort_into_blocks, species_in
 from discsim.drag.frame import clockwise, frame
-from discsim.kernels.common.rows import LANES
+from discsim.kernels.common.simd import LANES
 from discsim.kernels.drag.blocks import IGNORE, LEVELS, NEAR, members_alone
 from discsim.kernels.drag.cells import free_kick
 from discsim.kernels.drag.frame import Frame
@@ -25,8 +25,8 @@ from discsim.kernels.drag.tsc import sharpen as nodes_sharpen
 from discsim.kernels.drag.tsc.nodes import BX, FIELDS, Cells, Change, Nodes, Sharp, Slopes
 from discsim.kernels.drag.types import Law, Species
 from discsim.numerics import world
-from discsim.numerics.room import aligned
-from discsim.numerics.threads import share, share_in_turn
+from discsim.numerics.alloc import aligned
+from discsim.numerics.threads import parallel_for, parallel_for_fused
 
 if TYPE_CHECKING:
     from discsim.effects.drag import Effect as Drag
@@ -78,7 +78,7 @@ def places(drag: Drag, state: State) -> Places:
     grid, lattices = blocks.lattice, levels.lattices(*blocks.lattice.shape, blocks.lattice.joined, LEVELS + 1)
     home, place, about, near = levels.list_nodes(blocks.level, blocks.first_leaf, lattices, drag.dim == 1)
     centre = np.empty((len(near), 2))
-    share(levels.node_centres, len(near), place, grid.origin, grid.side, grid.first, centre)
+    parallel_for(levels.node_centres, len(near), place, grid.origin, grid.side, grid.first, centre)
     slot = np.empty((len(home), drag.classes.number + 1), np.int32)
     rows = np.empty(len(home) + 1, np.int64), np.empty(slot[:, 1:].size + 1, np.int64)
     slots = nodes_columns.find_slots(blocks.gas_start, blocks.dust_start, slot, *rows)
@@ -95,7 +95,7 @@ def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> N
     cells, nodes = _sums(drag, there, few and len(state.own_acc["dust"]) == 0)
     rows_of_gas, rows_of_dust = there.rows
     gas_columns, collect_gas = _gather(drag, gas, cells, nodes, rows_of_gas, about_star, law.code)
-    share_in_turn([collect_gas], len(nodes.near), least=LEAST)  # sums of dust depend on which nodes have gas
+    parallel_for_fused([collect_gas], len(nodes.near), least=LEAST)  # sums of dust depend on which nodes have gas
     dust_columns, collect_dust = _gather(drag, dust, cells, nodes, rows_of_dust, about_star, law.code)
     sharp = _relax_nodes(drag, state, blocks, gas, cells, nodes, collect_dust, law, about_star, len(heat) > 0)
     packed = gas_columns, dust_columns
@@ -109,12 +109,12 @@ def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> N
         (nodes_scatter.scatter, kind, cells, nodes, sharp, *columns, dt, drag.exponential, rate)
         for kind, columns, rate in kinds
     ]
-    share_in_turn(passes, kicked, least=LEAST)  # in this order: both add to the heat of a node
+    parallel_for_fused(passes, kicked, least=LEAST)  # in this order: both add to the heat of a node
     for kind, *_ in kinds:
         free_kick(_outside(kind, cells), kind.vel, kind.acc, dt)
     if len(heat) > 0:
         nodes_heat.pass_on(nodes, sharp.heat)
-        share(nodes_heat.spread, len(cells.home), gas, cells, nodes, sharp.heat, *packed[0], heat, least=LEAST)
+        parallel_for(nodes_heat.spread, len(cells.home), gas, cells, nodes, sharp.heat, *packed[0], heat, least=LEAST)
     drag.alone = members_alone(dust.order, dust.start, met[1], blocks.enlarged, kicked)
     drag.stopping_times = lambda: _stopping_times(dust, cells, nodes, sharp, packed[1])
 
@@ -171,7 +171,7 @@ def _gather(
     name, count = ("gas", "dust")[kind.first], len(cells.home)
     if kind.first > 0 and len(cells.total) > 0:
         row = _kept(drag, "rows of grains", len(kind.order), FIELDS)
-        share(
+        parallel_for(
             nodes_grains.gather_grains, count, kind, cells, nodes, about_star, law, row, cells.share,
             least=LEAST,
         )  # fmt: skip
@@ -180,7 +180,7 @@ def _gather(
     begin = (FIELDS if len(kind.own) > 0 else BX) * LANES * rows
     column = _kept(drag, f"columns of {name}", int(begin[-1]))
     square = np.empty((count if kind.first == 0 and len(nodes.square) > 0 else 0, 9))
-    share(nodes_gather.gather, count, kind, cells, nodes, about_star, law, begin, column, square, least=LEAST)
+    parallel_for(nodes_gather.gather, count, kind, cells, nodes, about_star, law, begin, column, square, least=LEAST)
     return (begin, column), (nodes_gather.collect, kind, cells, nodes, square)
 
 
@@ -207,9 +207,9 @@ def _relax_nodes(
     if drag.law.nonlinear:
         sound = np.empty(total)
         passes.append((nodes_relax.mean_sound, nodes, cells.own, _mean_thermal_speed(gas, blocks), sound))
-    share_in_turn(passes, total, least=LEAST)
+    parallel_for_fused(passes, total, least=LEAST)
     change = Change(*aligned((2, total, species, 2)), *aligned((2, total, species)))
-    share(
+    parallel_for(
         nodes_relax.relax, total, nodes, slopes, sourced, sound, law, about_star, drag.classes.several, change,
         least=LEAST,
     )  # fmt: skip
@@ -217,12 +217,14 @@ def _relax_nodes(
         aligned((total, species, LANES)), aligned((total, 4)), np.empty(total if heating else 0),
         np.empty((total if heating and len(nodes.square) > 0 else 0, 2, LANES)),
     )  # fmt: skip
-    share(nodes_sharpen.sharpen, total, nodes, slopes.pooled, change, drag.two_way, law.dt, sharp, least=LEAST)
+    parallel_for(nodes_sharpen.sharpen, total, nodes, slopes.pooled, change, drag.two_way, law.dt, sharp, least=LEAST)
     return sharp
 
 
 def _stopping_times(dust: Species, cells: Cells, nodes: Nodes, sharp: Sharp, packed: tuple[Array, Array]) -> Array:
     """Return the stopping time (n,) of each dust particle; inf without gas."""
     time = np.full(len(dust.mass), np.inf)
-    share(nodes_scatter.stopping_times, len(cells.home), dust, cells, nodes, sharp.value, *packed, time, least=LEAST)
+    parallel_for(
+        nodes_scatter.stopping_times, len(cells.home), dust, cells, nodes, sharp.value, *packed, time, least=LEAST
+    )
     return time

@@ -24,7 +24,7 @@ from discsim.kernels.drag import pairs as kernels
 from discsim.numerics.neighbours import LEAST, candidates, sort_into_cells
 from discsim.numerics.sorting import counting_sort
 from discsim.numerics.sph import Sph
-from discsim.numerics.threads import share
+from discsim.numerics.threads import parallel_for
 from discsim.parts import USUAL_SCHEME
 from discsim.physics.eos import thermal_speed
 
@@ -81,14 +81,14 @@ def _pairs_of(
     start, index, offset = _list(cloud, gas, cells)
     by_gas, begin = counting_sort(index, gas.count)
     plain = np.empty(len(index))
-    share(kernels.weight_driver(sph.kernel, sph.dim, False), len(index), index, offset, gas.h, plain)
+    parallel_for(kernels.weight_driver(sph.kernel, sph.dim, False), len(index), index, offset, gas.h, plain)
     _settle_density(cloud, gas, start, index, plain, ratio)
     weight = plain
     if hump:
         weight = np.empty(len(index))
-        share(kernels.weight_driver(sph.kernel, sph.dim, True), len(index), index, offset, gas.h, weight)
+        parallel_for(kernels.weight_driver(sph.kernel, sph.dim, True), len(index), index, offset, gas.h, weight)
     part, time, rate = np.empty(len(index)), np.empty(len(index)), np.empty(n)
-    share(
+    parallel_for(
         kernels.couple, n, kernels.Couples(start, index, part, time), weight,
         kernels.Side(gas.mass, gas.density, gas.vel), thermal_speed(drag.scene, gas),
         kernels.Side(cloud.mass, cloud.density, vel), cloud.pos, drag.law.code, grain, drag.law.nonlinear, *drag.star,
@@ -111,7 +111,7 @@ def _list(cloud: Cloud, gas: Gas, cells: Cells) -> tuple[Array, Array, Array]:
     start = np.zeros(cloud.count + 1, np.int64)
     index, offset = np.empty(0, np.uint32), np.empty((0, cloud.sph.dim))
     for _ in range(2):  # count pairs, then list them
-        share(
+        parallel_for(
             kernels.list_pairs, len(dust_cells.filled), dust_cells, cells, cloud.pos, radius, start, index,
             offset, least=LEAST, each=lists,
         )  # fmt: skip
@@ -129,7 +129,7 @@ def _settle_density(cloud: Cloud, gas: Gas, start: Array, index: Array, weight: 
     if sph.fixed:
         cloud.h[:] = gas.h[0]
     else:
-        share(kernels.gather, cloud.count, start, index, weight, gas.mass, cloud.density)
+        parallel_for(kernels.gather, cloud.count, start, index, weight, gas.mass, cloud.density)
         mixed = ratio * np.where(cloud.density > 0.0, cloud.density, gas.density.min())
         cloud.h[:] = guess_h(cloud, mixed)
     settle_density(cloud)
@@ -157,17 +157,17 @@ def exchange(
         vel = dust.vel[cloud.members]
         pushed = np.zeros_like(pairs.offset)
         impulse(pairs, vel, gas_before if at_once else gas_vel, pushed)
-        share(kernels.pull_dust, cloud.count, pairs.start, pushed, cloud.mass, vel)
+        parallel_for(kernels.pull_dust, cloud.count, pairs.start, pushed, cloud.mass, vel)
         dust.vel[cloud.members] = vel
         if drag.two_way:
-            share(kernels.pull_gas, gas.count, pairs.by_gas, pairs.begin, pushed, gas.mass, gas_vel)
+            parallel_for(kernels.pull_gas, gas.count, pairs.by_gas, pairs.begin, pushed, gas.mass, gas_vel)
         given.append(pushed)
-    share(add_scaled, gas.count, gas_vel, gas.acc, dt)
-    share(add_scaled, dust.count, dust.vel, dust.acc, dt)
+    parallel_for(add_scaled, gas.count, gas_vel, gas.acc, dt)
+    parallel_for(add_scaled, dust.count, dust.vel, dust.acc, dt)
     if len(heat) > 0:
         gas_mean, dust_mean = 0.5 * (gas_before + gas_vel), 0.5 * (dust_before + dust.vel)
         for pairs, pushed in zip(found, given, strict=True):
-            share(
+            parallel_for(
                 kernels.warm, gas.count, pairs.by_gas, pairs.begin, pairs.dust, pushed, gas.mass,
                 dust_mean[pairs.cloud.members], gas_mean, heat,
             )  # fmt: skip
@@ -206,7 +206,7 @@ def fastest(drag: Drag, gas: Gas, found: list[Pairs]) -> float:
     rates = np.zeros(gas.count)
     if drag.two_way:
         for pairs in found:
-            share(
+            parallel_for(
                 kernels.gas_rates, gas.count, pairs.by_gas, pairs.begin, pairs.dust, pairs.part, pairs.time,
                 pairs.cloud.mass, gas.mass, rates,
             )  # fmt: skip

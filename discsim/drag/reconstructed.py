@@ -18,7 +18,7 @@ import numpy as np
 
 from discsim.drag.base import NO_CELLS, Array, Scheme
 from discsim.drag.lab14 import relax_each_pair
-from discsim.numerics.threads import share
+from discsim.numerics.threads import parallel_for
 from discsim.parts import Lazy
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ def slopes_of(sph: Sph, points: Gas | Cloud, vel: Array) -> Array:
     """Return the slopes (n, d, d) of a velocity `vel` (n, d) of gas or of a cloud of dust."""
     cells = sph.cells_of(points)
     slope, fit = np.empty((points.count, sph.dim, sph.dim)), kernels.slope_driver(sph.kernel, sph.dim)
-    share(
+    parallel_for(
         fit, len(cells.filled), points.pos, vel, points.mass, points.h, slope, cells,
         least=neighbours.LEAST, each=neighbours.candidates(cells, cells, mutual=False),
     )  # fmt: skip

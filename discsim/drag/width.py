@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from discsim.numerics import room
-from discsim.numerics.threads import share
+from discsim.numerics import alloc
+from discsim.numerics.threads import parallel_for
 from discsim.parts import SCHEMES, Lazy
 from discsim.physics.centre import kepler_omega
 from discsim.physics.eos import eos_of
@@ -91,8 +91,8 @@ class Width:
         """
         if not self.limited:
             return h
-        out = room.like(h)
-        share(kernels.limit_lengths, len(h), pos, h, self.least, *self.table, out, light=True)
+        out = alloc.allocate_like(h)
+        parallel_for(kernels.limit_lengths, len(h), pos, h, self.least, *self.table, out, light=True)
         return out
 
     def counted_at(self, radius: Array, h: Array) -> Array:

@@ -31,7 +31,7 @@ from pydantic import Field
 from discsim.effects import base
 from discsim.formulas.smoothing import SMOOTHING
 from discsim.numerics.state import State
-from discsim.numerics.threads import share
+from discsim.numerics.threads import parallel_for
 from discsim.physics import viscosity
 from discsim.physics.local import Expected
 from discsim.scene.fields import Diffusivity, Length, Number, Table
@@ -185,7 +185,7 @@ class Effect(base.Effect):
         def part(first: int, last: int) -> float:
             return float(viscosity.longest_step(state.scene, gas.nu[first:last], gas.h[first:last]).min())
 
-        return min(share(part, gas.count))
+        return min(parallel_for(part, gas.count))
 
 
 def _viscosities(scene: Scene, at: Local) -> tuple[str, tuple[np.ndarray, np.ndarray, np.ndarray]] | None:

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from discsim.numerics.state import Particles, State
-from discsim.numerics.threads import share
+from discsim.numerics.threads import parallel_for
 from discsim.parts import Lazy
 from discsim.physics.local import Expected
 from discsim.scene.fields import Table
@@ -285,7 +285,7 @@ class Effect:
         return {}
 
 
-def doing(effects: Mapping[str, Effect], what: str) -> list[str]:
+def overriding(effects: Mapping[str, Effect], what: str) -> list[str]:
     """Return the names of the effects that override the method `what` of `Effect`."""
     return [name for name, effect in effects.items() if getattr(type(effect), what) is not getattr(Effect, what)]
 
@@ -304,11 +304,11 @@ def drift(scene: Scene, particles: Particles, dt: float, masses: np.ndarray | No
         _drift(pos, vel, dt, masses, species[free] if len(species) else species)
         particles.pos[free], particles.vel[free] = pos, vel
     if scene.space.boundary == "periodic":
-        share(moves.wrap, particles.count, particles.pos, np.array(scene.space.size), light=True)
+        parallel_for(moves.wrap, particles.count, particles.pos, np.array(scene.space.size), light=True)
 
 
 def _drift(pos: np.ndarray, vel: np.ndarray, dt: float, masses: np.ndarray | None, species: np.ndarray) -> None:
     if masses is not None:
-        share(kepler.drift, len(pos), pos, vel, masses, species, dt)
+        parallel_for(kepler.drift, len(pos), pos, vel, masses, species, dt)
     else:
-        share(moves.add_scaled, len(pos), pos, vel, dt, light=True)
+        parallel_for(moves.add_scaled, len(pos), pos, vel, dt, light=True)

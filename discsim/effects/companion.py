@@ -33,7 +33,7 @@ from discsim.initial import start_of
 from discsim.numerics import world
 from discsim.numerics.bodies import SPECIES, Bodies
 from discsim.numerics.state import Particles, State
-from discsim.numerics.threads import share
+from discsim.numerics.threads import parallel_for
 from discsim.numerics.totals import rounded, total
 from discsim.parts import Lazy
 from discsim.physics import companions as formulas
@@ -318,7 +318,7 @@ class Effect(base.Effect):
             self._near[name] = np.full((len(self.companions), 2), np.inf)
             for k in range(len(self.companions)):
                 given = bodies.felt[k + 1], self._lengths[k], *places[k + 1].tolist(), *bodies.vel[k + 1].tolist()
-                found = share(kernels.attract_moving, p.count, p.pos, p.vel, p.acc, p.mass, *given)
+                found = parallel_for(kernels.attract_moving, p.count, p.pos, p.vel, p.acc, p.mass, *given)
                 bodies.pulled[k + 1, SPECIES.index(name)] = rounded(sum(limbs for limbs, _ in found))
                 self._near[name][k] = np.min([near for _, near in found], axis=0)
         self.orbits.accelerate(bodies)
@@ -354,7 +354,7 @@ class Effect(base.Effect):
     def _accrete(self, state: State, k: int, name: str, place: list[float]) -> None:
         """Remove the particles of species `name` that companion `k`, at `place`, accretes in the step just made."""
         companion, p = self.companions[k], state.species[name]
-        found = share(kernels.divide, p.count, p.pos, companion.accretion_radius**2, *place)
+        found = parallel_for(kernels.divide, p.count, p.pos, companion.accretion_radius**2, *place)
         gone = np.concatenate([inside for _, inside in found])
         if companion.accretion_rate is not None:
             kept = _chances(self.scene.run.seed, state.step + state.earlier, k, p.ids[gone]) >= self._share(state, k)

@@ -20,7 +20,7 @@ from pydantic import Field
 
 from discsim.effects import base
 from discsim.numerics.state import Gas, State
-from discsim.numerics.threads import share
+from discsim.numerics.threads import parallel_for
 from discsim.parts import SCHEMES, Lazy
 from discsim.physics import cooling as physics
 from discsim.scene.fields import Default, Length, Measure, Number, Table, Time, Words
@@ -142,11 +142,11 @@ class Effect(base.Effect):
         if own.kind == "radiative":
             kappa = 0.0 if own.opacity == TABLE else own.opacity
             grey = kappa, self.passive, *self.state.central, self.light
-            share(kernels.radiative, gas.count, pos, gas.u, gas.density, rate, dt, *grey, out)
+            parallel_for(kernels.radiative, gas.count, pos, gas.u, gas.density, rate, dt, *grey, out)
         else:
             time = own.beta if own.kind == "beta" else own.t_cool
             law = own.kind == "beta", time, self.passive, *self.state.central
-            share(kernels.towards, gas.count, pos, gas.u, rate, dt, *law, out)
+            parallel_for(kernels.towards, gas.count, pos, gas.u, rate, dt, *law, out)
         if gas.immobile is not None:
             out[gas.immobile] = gas.u[gas.immobile]
         return out

@@ -20,7 +20,7 @@ from pydantic import Field
 from discsim.effects import base
 from discsim.initial import balance
 from discsim.numerics.state import State
-from discsim.numerics.threads import share
+from discsim.numerics.threads import parallel_for
 from discsim.numerics.totals import rounded
 from discsim.parts import Lazy
 from discsim.physics.centre import kepler_omega
@@ -122,7 +122,7 @@ class Effect(base.Effect):
             kind = 0 if name == "gas" else int(state.gas is not None)
             species = NONE if name == "gas" else p.species  # type: ignore[attr-defined]
             given = p.pos, p.vel, p.mass, species, kind, self.centre(state), zones, ahead, dt
-            lost = rounded(sum(share(kernels.relax, p.count, *given)))
+            lost = rounded(sum(parallel_for(kernels.relax, p.count, *given)))
             state.ledger.damped_momentum += lost[:2]
             state.ledger.damped_angular_momentum += float(lost[2])
 

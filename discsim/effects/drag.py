@@ -23,7 +23,7 @@ from discsim.effects.gas import kick_energy, kick_gas
 from discsim.effects.stopping import stopping_columns
 from discsim.numerics.layout import SOFT
 from discsim.numerics.state import Dust, State
-from discsim.numerics.threads import copied, share
+from discsim.numerics.threads import copied, parallel_for
 from discsim.numerics.totals import mean, total
 from discsim.parts import LAWS, SCHEMES, USUAL_SCHEME, Lazy
 from discsim.physics.grains import has_sizes
@@ -285,15 +285,15 @@ class Effect(base.Effect):
             # One-way: `kick_gas` below kicks the gas, with the same bits as without dust.
             self._relax(state, dt, gas.vel if two_way else before, heat)
         else:
-            share(moves.add_scaled, gas.count, gas.vel if two_way else before, gas.acc, dt, light=True)
-            share(moves.add_scaled, dust.count, dust.vel, dust.acc, dt, light=True)
+            parallel_for(moves.add_scaled, gas.count, gas.vel if two_way else before, gas.acc, dt, light=True)
+            parallel_for(moves.add_scaled, dust.count, dust.vel, dust.acc, dt, light=True)
             self._let_alone(dust, np.arange(dust.count))
             self.stopping_times = np.full(dust.count, np.inf)
         if not two_way:
             kick_gas(state, dt)
             return
         if gas.kick_acc is not None:
-            share(moves.rate_of_change, gas.count, gas.vel, before, dt, gas.kick_acc, light=True)
+            parallel_for(moves.rate_of_change, gas.count, gas.vel, before, dt, gas.kick_acc, light=True)
         if gas.u is not None:
             gas.kick_rate[:] = gas.heating_rate
             if len(heat) > 0:

@@ -9,7 +9,7 @@ from pydantic import Field
 
 from discsim.effects import base
 from discsim.numerics.state import State
-from discsim.numerics.threads import share
+from discsim.numerics.threads import parallel_for
 from discsim.parts import LAWS, SCHEMES, Lazy
 from discsim.physics.orbits import masses_in_drift
 from discsim.scene.fields import Count, Length, Measure, Number, Particles, Table, or_table
@@ -99,7 +99,7 @@ class Effect(base.Effect):
         return MOVED * counts.dust
 
     def kick(self, state: State, dt: float) -> None:
-        share(moves.add_scaled, state.dust.count, state.dust.vel, state.dust.acc, dt, light=True)
+        parallel_for(moves.add_scaled, state.dust.count, state.dust.vel, state.dust.acc, dt, light=True)
 
     def drift(self, state: State, dt: float) -> None:
         base.drift(self.scene, state.dust, dt, self.central_masses)

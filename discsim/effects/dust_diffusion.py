@@ -29,7 +29,7 @@ from discsim.effects import base
 from discsim.formulas.smoothing import SMOOTHING
 from discsim.numerics import world
 from discsim.numerics.state import State
-from discsim.numerics.threads import copied, share
+from discsim.numerics.threads import copied, parallel_for
 from discsim.parts import SCHEMES, Lazy
 from discsim.physics import diffusion
 from discsim.physics.eos import thermal_speed
@@ -158,7 +158,7 @@ class Effect(base.Effect):
         while done < steps:
             field = gas.about(dust.pos)
             steepest = max(
-                share(
+                parallel_for(
                     kernels.strengths, dust.count, dust.pos, centre, row, field, times, norm, done == 0,
                     stirring, strength, drift,
                 )
@@ -190,11 +190,11 @@ class Effect(base.Effect):
         two_way = star[0] > 0.0 and state.gas is not None and self.drag is not None and not state.unnoticed
         gained = np.empty(dust.count if two_way else 0)
         before = copied(dust.pos) if two_way else dust.pos
-        share(
+        parallel_for(
             kernels.walk, dust.count, dust.pos, dust.vel, dust.ids, *found, field, self.key, step, dt, circles, gained
         )
         if self.scene.space.boundary == "periodic":
-            share(moves.wrap, dust.count, dust.pos, np.array(self.scene.space.size))
+            parallel_for(moves.wrap, dust.count, dust.pos, np.array(self.scene.space.size))
         if two_way:
             gas.lose(gained * dust.mass, before, dust.pos, field[:, kernels.DENSITY], centre)
 
@@ -232,12 +232,12 @@ class _Surroundings:
             if self.effect.scene.model.given is None:
                 field[:, kernels.DENSITY], field[:, kernels.LENGTH] = 1.0, math.inf
                 return field
-            share(kernels.given_about, len(pos), pos, effect.drag.kernel_disc(state.central_mass), field)
+            parallel_for(kernels.given_about, len(pos), pos, effect.drag.kernel_disc(state.central_mass), field)
             return field
         gas, met = state.gas, self.gas.meet(pos, state.dust.place)
         speed2 = thermal_speed(effect.scene, gas) ** 2
         field = np.zeros((len(met.grain_pos), columns))
-        share(
+        parallel_for(
             kernels.gas_driver(effect.sph.kernel, effect.dim), len(met.grain_cells.filled), met.grain_cells, met.cells,
             met.grain_pos, met.h, met.gas.of(gas.mass), met.gas.of(speed2), field,
             least=neighbours.LEAST, each=met.gas_about,
@@ -259,7 +259,7 @@ class _Surroundings:
         middle[empty], there[empty] = start[empty], density[empty]
         met = self.gas.meet(middle, self.state.dust.place)
         vel = met.gas.of(gas.vel)
-        share(
+        parallel_for(
             kernels.recoil_driver(effect.sph.kernel), len(met.cells.filled), met.cells, met.grain_cells, met.pos, met.h,
             met.grains.of(there), met.grains.of(given), centre, vel, least=neighbours.LEAST, each=met.grains_about,
         )  # fmt: skip

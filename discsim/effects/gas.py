@@ -15,9 +15,9 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from discsim.effects import base
 from discsim.formulas.smoothing import SMOOTHING
-from discsim.numerics import room
+from discsim.numerics import alloc
 from discsim.numerics.state import State
-from discsim.numerics.threads import blocks, copied, fill, share
+from discsim.numerics.threads import blocks, copied, fill, parallel_for
 from discsim.parts import EOS, Lazy
 from discsim.physics import centre, companions, viscosity
 from discsim.physics.eos import eos_of, pressure_and_sound_speed, radius, thermal_speed
@@ -322,9 +322,12 @@ class Effect(base.Effect):
     def _pressure_and_sound_speed(self, state: State, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         """Return pressure and sound speed, (n,) each, at the energies `u` (n,)."""
         gas, pos = state.gas, state.from_centre(state.gas.pos)
-        out, roots = (room.like(gas.pressure), room.like(gas.sound_speed)), eos_of(self.scene).roots(self.scene)
+        out, roots = (
+            (alloc.allocate_like(gas.pressure), alloc.allocate_like(gas.sound_speed)),
+            eos_of(self.scene).roots(self.scene),
+        )
         if roots is not None and gas.small is None:  # the usual disc, which this kernel makes twice as fast
-            share(eos_kernels.by_roots, gas.count, pos, gas.density, *roots, *out, light=True)
+            parallel_for(eos_kernels.by_roots, gas.count, pos, gas.density, *roots, *out, light=True)
             return out
 
         def part(first: int, last: int) -> None:
@@ -334,7 +337,7 @@ class Effect(base.Effect):
                     density = density * growth.gas_share(self.scene, gas, within)
                 out[0][within], out[1][within] = pressure_and_sound_speed(self.scene, pos[within], density, energy)
 
-        share(part, gas.count)
+        parallel_for(part, gas.count)
         return out
 
     def predicted(self, state: State) -> tuple[np.ndarray, np.ndarray | None]:
@@ -347,8 +350,8 @@ class Effect(base.Effect):
         gas = state.gas
         vel = gas.vel
         if gas.kick_acc is not None:
-            vel = room.like(gas.vel)
-            share(moves.sum_scaled, gas.count, gas.vel, gas.kick_acc, state.lag, vel, light=True)
+            vel = alloc.allocate_like(gas.vel)
+            parallel_for(moves.sum_scaled, gas.count, gas.vel, gas.kick_acc, state.lag, vel, light=True)
         return vel, None if gas.u is None else _energy_after(state, state.lag)
 
     def viscous_acceleration(self, state: State) -> np.ndarray:
@@ -377,9 +380,9 @@ class Effect(base.Effect):
 def kick_gas(state: State, dt: float) -> None:
     """Advance velocities and energies over dt at constant rates."""
     gas = state.gas
-    share(moves.add_scaled, gas.count, gas.vel, gas.acc, dt, light=True)
+    parallel_for(moves.add_scaled, gas.count, gas.vel, gas.acc, dt, light=True)
     if gas.kick_acc is not None:
-        share(moves.assign, gas.count, gas.kick_acc, gas.acc, light=True)
+        parallel_for(moves.assign, gas.count, gas.kick_acc, gas.acc, light=True)
     if gas.u is not None:
         gas.kick_rate[:] = gas.heating_rate
         kick_energy(state, dt)

@@ -19,7 +19,7 @@ from discsim.effects import base, dust
 from discsim.effects.drag import OF_CELLS
 from discsim.effects.stopping import stopping_columns
 from discsim.numerics.state import State
-from discsim.numerics.threads import share
+from discsim.numerics.threads import parallel_for
 from discsim.parts import EOS, Lazy
 from discsim.physics.centre import central_mass
 from discsim.physics.columns import ColumnsFile
@@ -114,7 +114,7 @@ class Dust(dust.Effect):
     """Dust that moves with constant radial velocity and angular momentum."""
 
     def drift(self, state: State, dt: float) -> None:
-        share(kernels.drift_dust, state.dust.count, state.dust.pos, state.dust.vel, dt)
+        parallel_for(kernels.drift_dust, state.dust.count, state.dust.pos, state.dust.vel, dt)
 
 
 class Drag(base.Effect):
@@ -162,7 +162,7 @@ class Drag(base.Effect):
         """
         out = np.empty_like(pos)
         row, disc = self._of_grains(central_mass(self.scene), species, size)
-        share(kernels.path_velocities, len(pos), pos, row, disc, out)
+        parallel_for(kernels.path_velocities, len(pos), pos, row, disc, out)
         return out
 
     def kernel_disc(self, central_mass: float) -> Any:
@@ -188,5 +188,5 @@ class Drag(base.Effect):
         p = state.dust
         times = np.empty(p.count)
         row, disc = self._of_grains(state.central_mass, p.species, p.size)
-        share(kernels.kick_dust, p.count, p.pos, vel, p.acc, row, disc, state.lag, dt, times)
+        parallel_for(kernels.kick_dust, p.count, p.pos, vel, p.acc, row, disc, state.lag, dt, times)
         return times

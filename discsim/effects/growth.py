@@ -27,7 +27,7 @@ from discsim.effects.dust import Sizes
 from discsim.formulas.smoothing import SMOOTHING
 from discsim.numerics import world
 from discsim.numerics.state import Pace, State
-from discsim.numerics.threads import share
+from discsim.numerics.threads import parallel_for
 from discsim.parts import LAWS, SCHEMES, Lazy
 from discsim.physics import growth
 from discsim.physics.laws import SceneLaw
@@ -204,7 +204,7 @@ class Effect(base.Effect):
         omega = state.kepler_omega(r)
         alpha = growth.alpha(self.scene, r, about[:, kernels.SPEED2], omega)
         dust.size = dust.size.copy()  # a new array, by which `Classes.sort` recognises changed sizes
-        rates = share(
+        rates = parallel_for(
             kernels.grow, dust.count, dt, *state.central, dust.pos, centre, about, alpha,
             self.grains, dust.mass, dust.size, wanted,
         )  # fmt: skip
@@ -217,12 +217,12 @@ class Effect(base.Effect):
         """Return columns (n, COLUMNS) of the surroundings of dust particles, local ones and ghosts."""
         gas, dust = state.gas, state.dust
         deposit, field = np.empty(len(met.pos)), np.empty((len(met.grain_pos), kernels.COLUMNS))
-        share(
+        parallel_for(
             sums.deposit_driver(self.sph.kernel), len(met.cells.filled), met.cells, met.grain_cells, met.pos, met.h,
             met.grains.of(dust.mass), deposit, least=neighbours.LEAST, each=met.grains_about,
         )  # fmt: skip
         met.gas.refresh(deposit)
-        share(
+        parallel_for(
             sums.gather_driver(self.sph.kernel), len(met.grain_cells.filled), met.grain_cells, met.cells,
             met.grain_pos, centre, self._carriers(state, met), met.gas.of(gas.mass / gas.density),
             met.gas.of(gas.pressure), deposit, field, least=neighbours.LEAST, each=met.gas_about,
@@ -243,12 +243,12 @@ class Effect(base.Effect):
         got = np.empty((len(met.pos), 3))
         carriers = self._carriers(state, met)
         wanted, mass, vel = (met.grains.of(array) for array in (wanted, dust.mass, dust.vel))
-        share(
+        parallel_for(
             exchange.hand_driver(self.sph.kernel), len(met.cells.filled), met.cells, met.grain_cells, carriers, vel,
             field, wanted, taken, spread, got, least=neighbours.LEAST, each=met.grains_about,
         )  # fmt: skip
         met.gas.refresh(spread)
-        share(
+        parallel_for(
             exchange.take_driver(self.sph.kernel), len(met.grain_cells.filled), met.grain_cells, met.cells, carriers,
             spread, field, wanted, met.grain_pos, mass, vel, least=neighbours.LEAST, each=met.gas_about,
         )  # fmt: skip

@@ -49,7 +49,7 @@ from discsim.kernels.sph import quiet as kernels
 from discsim.kernels.sph.quiet import FIRST, MASS, NUMBER, SECOND
 from discsim.numerics import world
 from discsim.numerics.state import Gas, State
-from discsim.numerics.threads import copied, share
+from discsim.numerics.threads import copied, parallel_for
 from discsim.numerics.totals import totals
 from discsim.physics.centre import kepler_omega
 from discsim.physics.eos import eos_of
@@ -123,7 +123,7 @@ class Disc:
         self._follow(state, sph)
         pressure, push, mass_over_mean = self.split(state)
         yield pressure
-        share(moves.add_scaled, gas.count, gas.acc, push, 1.0, light=True)
+        parallel_for(moves.add_scaled, gas.count, gas.acc, push, 1.0, light=True)
         gas.density[:] = gas.followed * mass_over_mean
         gas.pressure *= mass_over_mean
 
@@ -131,7 +131,7 @@ class Disc:
         """Advance the density of the gas to the time of the state, eq. (1)."""
         gas = _gas(state)
         away = np.sqrt((state.from_centre(gas.pos) ** 2).sum(axis=1))
-        share(
+        parallel_for(
             kernels.follow, gas.count, state.time, self.keys.time, state.kepler_omega(away), sph.slopes, gas.density,
             gas.pressure, gas.sound_speed, sph.squeezed / gas.h,
             gas.followed, gas.divergence, gas.shocked, gas.followed_at,
@@ -147,7 +147,7 @@ class Disc:
         at = np.clip(place - low, 2.0, count - 3.0)
         rings = self._rings(state, at, r, low, count)
         stretch = (r / self.reference) ** -self.flaring / (self.width * r * r)  # d(at)/dr over r
-        share(
+        parallel_for(
             kernels.push, gas.count, pos, at, stretch, gas.followed, self._cubics(rings), pressure, acc,
         )  # fmt: skip
         if state.bodies is not None:
@@ -175,7 +175,7 @@ class Disc:
         log = float(np.abs(np.log(pressing * r)).max(initial=0.0))
         most = world.together.most(np.array([mass.max(initial=0.0), 1.0, log, log * log]))
         units = 2.0 ** (BITS - np.ceil(np.log2(gas.everywhere + 1.0)) - np.frexp(most)[1])
-        found = share(kernels.ring_sums, gas.count, count, at, mass, pressing, r, units, light=True)
+        found = parallel_for(kernels.ring_sums, gas.count, count, at, mass, pressing, r, units, light=True)
         sums = world.together.sum(sum(found)) / units[:, None]
         for _ in range(2):
             sums[:, 1:-1] = 0.25 * (sums[:, :-2] + 2.0 * sums[:, 1:-1] + sums[:, 2:])

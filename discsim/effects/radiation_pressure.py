@@ -16,7 +16,7 @@ from pydantic import BeforeValidator, Field
 
 from discsim.effects import base
 from discsim.numerics.state import Particles, State
-from discsim.numerics.threads import share
+from discsim.numerics.threads import parallel_for
 from discsim.numerics.totals import total
 from discsim.parts import SCHEMES, Lazy
 from discsim.physics.local import Expected
@@ -122,7 +122,9 @@ class Effect(base.Effect):
     def acceleration(self, state: State) -> None:
         dust, self._place = state.dust, state.star_place
         strength = state.star_mass * self.share
-        share(kernels.push, dust.count, state.from_star(dust.pos), dust.species, strength, self.softening, dust.acc)
+        parallel_for(
+            kernels.push, dust.count, state.from_star(dust.pos), dust.species, strength, self.softening, dust.acc
+        )
 
     def limit(self, state: State) -> float:
         return np.inf if state.unnoticed else self.limit_of(state, "dust")
@@ -131,7 +133,7 @@ class Effect(base.Effect):
         strongest = state.star_mass * self.share.max()
         if name != "dust" or state.dust.count == 0 or strongest == 0.0 or self.step == np.inf:
             return np.inf
-        distance2 = min(share(stars.nearest, state.dust.count, state.dust.pos, *state.star_place))
+        distance2 = min(parallel_for(stars.nearest, state.dust.count, state.dust.pos, *state.star_place))
         return self.step * float(((distance2 + self.softening**2) ** 1.5 / strongest) ** 0.5)
 
     def tightest(self, particles: Particles, acc: np.ndarray) -> int:

@@ -27,7 +27,7 @@ from discsim.effects.accretion import swallow, taken_from
 from discsim.numerics import world
 from discsim.numerics.bodies import SPECIES
 from discsim.numerics.state import Particles, State
-from discsim.numerics.threads import share, share_all
+from discsim.numerics.threads import parallel_for, parallel_for_ranges
 from discsim.numerics.totals import rounded, total, totals
 from discsim.parts import Lazy
 from discsim.physics.local import Expected
@@ -143,7 +143,7 @@ class Effect(base.Effect):
             self.acceleration(state)
             return
         for name in state.blank:
-            share(moves.blank, state.species[name].count, state.species[name].acc, light=True)
+            parallel_for(moves.blank, state.species[name].count, state.species[name].acc, light=True)
 
     def acceleration(self, state: State) -> None:
         self._place = place = state.star_place
@@ -151,16 +151,16 @@ class Effect(base.Effect):
         both, counted = state.species, self.counted if bodies is not None else []
         for name, p in both.items():
             if name not in counted:
-                share(kernels.attract, p.count, p.pos, p.acc, name in state.blank, *given, light=True)
+                parallel_for(kernels.attract, p.count, p.pos, p.acc, name in state.blank, *given, light=True)
         if bodies is None:
             return
         mutual = {name: p for name, p in both.items() if name in counted}
         pulling = [(p.count, p.pos, p.acc, name in state.blank, p.mass, *given) for name, p in mutual.items()]
-        for name, limbs in zip(mutual, share_all(kernels.attract_mutually, pulling), strict=True):
+        for name, limbs in zip(mutual, parallel_for_ranges(kernels.attract_mutually, pulling), strict=True):
             bodies.pulled[0, SPECIES.index(name)] = rounded(sum(limbs))
         of_frame = self.orbits.frame_acceleration(bodies, beyond_drift=not self.all_in_kick).tolist()
         if not self.orbits.inertial or any(of_frame):
-            share_all(kernels.add, [(p.count, p.acc, *of_frame) for p in both.values()], light=True)
+            parallel_for_ranges(kernels.add, [(p.count, p.acc, *of_frame) for p in both.values()], light=True)
         if bodies.count == 1:
             self.orbits.accelerate(bodies)
 
@@ -171,7 +171,7 @@ class Effect(base.Effect):
     def limit_of(self, state: State, name: str) -> float:
         p = state.species[name]
         distance2 = self._nearest.pop(name, None) or min(
-            share(kernels.nearest, p.count, p.pos, *state.star_place, light=True)
+            parallel_for(kernels.nearest, p.count, p.pos, *state.star_place, light=True)
         )
         return self.step * ((distance2 + self.star.softening**2) ** 1.5 / state.star_pull) ** 0.5
 
@@ -188,7 +188,7 @@ class Effect(base.Effect):
         for p in state.species.values():
             for vectors, moved in zip((p.pos, p.vel), self._of_frame, strict=True):
                 if p.immobile is None:
-                    share(kernels.add, p.count, vectors, *moved.tolist(), light=True)
+                    parallel_for(kernels.add, p.count, vectors, *moved.tolist(), light=True)
                 else:
                     vectors[~p.immobile] += moved
 
@@ -198,7 +198,7 @@ class Effect(base.Effect):
         if self.star.accretion_radius > 0.0:
             given = self.star.accretion_radius**2, *state.star_place
             ranges = [(p.count, p.pos, *given) for p in state.species.values()]
-            found = share_all(kernels.divide, ranges, light=True)
+            found = parallel_for_ranges(kernels.divide, ranges, light=True)
             for (name, particles), near in zip(state.species.items(), found, strict=True):
                 self._nearest[name] = min(least for least, _ in near)
                 self._accrete(state, name, particles, np.concatenate([inside for _, inside in near]))

@@ -4,7 +4,7 @@ import numpy as np
 
 from discsim.kernels.mpi import batches as kernels
 from discsim.kernels.mpi.batches import BATCH
-from discsim.numerics.threads import share
+from discsim.numerics.threads import parallel_for
 
 Array = np.ndarray
 LEAST = 64  # least number of batches in a chunk
@@ -24,5 +24,5 @@ def bounds_anew(bounds: Array, pos: Array, rows: Array) -> Array:
     changed[rows[rows < len(pos)] // BATCH] = True
     changed[max(same - 1, 0) :] = True  # the last batch may have had another number of rows
     some = np.flatnonzero(changed)
-    share(kernels.bounds_of, len(some), some, pos, out, least=LEAST)
+    parallel_for(kernels.bounds_of, len(some), some, pos, out, least=LEAST)
     return out

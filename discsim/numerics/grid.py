@@ -17,7 +17,7 @@ from discsim.kernels.gravity.gradient import gradient
 from discsim.numerics.batches import LEAST
 from discsim.numerics.layout import grid_cells
 from discsim.numerics.sorting import counting_sort
-from discsim.numerics.threads import share, share_all
+from discsim.numerics.threads import parallel_for, parallel_for_ranges
 
 if TYPE_CHECKING:
     from discsim.scene import Scene
@@ -101,11 +101,13 @@ class Grid:
         shift = ((self.shape[0] - 1) // kernels.STRIPS).bit_length()  # STRIPS times 2^shift rows hold nx
         inverse = 1.0 / self.cell
         key = np.empty(len(pos), np.uint8)
-        share(kernels.strip_of, len(pos), pos, self.origin, inverse, self.shape, self.periodic, shift, key, light=True)
+        parallel_for(
+            kernels.strip_of, len(pos), pos, self.origin, inverse, self.shape, self.periodic, shift, key, light=True
+        )
         runs, strips = kernels.runs_of(key, *pieces)
         order, start = counting_sort(strips, kernels.STRIPS + 1)
         beyond, part = np.zeros((kernels.STRIPS, out.shape[1])), (*self.shape, *first)
-        share(
+        parallel_for(
             kernels.deposit_strips, kernels.STRIPS, pos, mass, inverse ** pos.shape[1], runs, order, start, self.origin,
             inverse, self.periodic, part, shift, out, beyond, least=1,
         )  # fmt: skip
@@ -121,7 +123,7 @@ class Grid:
         out = np.empty((len(pos), 1 if scalar else pos.shape[1]))
         source = field[:, :, None] if scalar else field
         part = (*self.shape, *first)
-        share(kernels.gather, len(pos), source, pos, self.origin, 1.0 / self.cell, self.periodic, part, out)
+        parallel_for(kernels.gather, len(pos), source, pos, self.origin, 1.0 / self.cell, self.periodic, part, out)
         return out[:, 0] if scalar else out
 
     def pull(
@@ -139,26 +141,26 @@ class Grid:
             of_chunks = np.empty(chunks), np.empty(chunks, np.int64)
             ranges.append((chunks, gradient, pos, *where, acc, *of_chunks))
             found.append(of_chunks)
-        share_all(kernels.pull, ranges, least=1)
+        parallel_for_ranges(kernels.pull, ranges, least=1)
         return [(float(np.sqrt(largest.max(initial=0.0))), int(missing.sum())) for largest, missing in found]
 
     def places(self, pos: Array) -> tuple[Array, int]:
         """Return sort keys (n,) by cell that give memory locality, and one more than the largest key."""
         key = np.empty(len(pos), np.uint32)
-        share(kernels.places_of, len(pos), pos, self.origin, 1.0 / self.cell, self.shape, self.periodic, key)
+        parallel_for(kernels.places_of, len(pos), pos, self.origin, 1.0 / self.cell, self.shape, self.periodic, key)
         return key, int(key.max(initial=0)) + 1
 
     def outside(self, pos: Array) -> Array:
         """Return the indices of particles off the grid, which are not deposited and must not gather."""
         outside = np.empty(len(pos), bool)
         inverse = 1.0 / self.cell
-        share(kernels.is_outside, len(pos), pos, self.origin, inverse, self.shape, self.periodic, outside)
+        parallel_for(kernels.is_outside, len(pos), pos, self.origin, inverse, self.shape, self.periodic, outside)
         return np.flatnonzero(outside)
 
     def extent(self, pos: Array, bounds: Array) -> Extent:
         """Return the extent of the nodes about particles; bounds: those of `numerics/batches.py`."""
         given = pos, bounds, self.origin, 1.0 / self.cell, self.shape, self.periodic
-        least, most, low, high, off = zip(*share(kernels.extents, len(bounds), *given, least=LEAST), strict=True)
+        least, most, low, high, off = zip(*parallel_for(kernels.extents, len(bounds), *given, least=LEAST), strict=True)
         return Extent(np.min(least, axis=0), np.max(most, axis=0), min(low), max(high), sum(off))
 
     def gradient(self, field: Array, out: Array | None = None, columns: tuple[Array, Array] | None = None) -> Array:
@@ -175,7 +177,7 @@ class Grid:
         out = np.empty((*self.shape, 2)) if out is None else out
         bordered = field.shape != out.shape[:2]
         begin, end = columns or np.array([[0], [out.shape[1]]]).repeat(len(out), axis=1)
-        share(gradient, len(out), field, self.cell, self.periodic or bordered, begin, end, out, least=16)
+        parallel_for(gradient, len(out), field, self.cell, self.periodic or bordered, begin, end, out, least=16)
         return out
 
     @staticmethod

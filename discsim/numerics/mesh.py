@@ -10,11 +10,11 @@ from functools import cached_property
 import numpy as np
 
 from discsim.kernels.common import move as moves
-from discsim.numerics import teams
+from discsim.numerics import thread_pool
 from discsim.numerics.grid import BORDER, ORIGIN, Grid, Node
 from discsim.numerics.poisson import Kernel, Poisson
 from discsim.numerics.state import Particles
-from discsim.numerics.threads import share
+from discsim.numerics.threads import parallel_for
 
 Array = np.ndarray
 
@@ -35,7 +35,7 @@ class Mesh:
     @cached_property
     def _poisson(self) -> Poisson:
         grid = self.grid
-        return Poisson(grid.shape, grid.cell, self.kernel, grid.periodic, teams.number_of_threads(), self.border)
+        return Poisson(grid.shape, grid.cell, self.kernel, grid.periodic, thread_pool.number_of_threads(), self.border)
 
     @cached_property
     def density(self) -> Array:
@@ -56,7 +56,7 @@ class Mesh:
         species: all particles by name, of sources and of particles at which the field is gathered later. Raises
         ValueError like `Poisson`.
         """
-        share(moves.blank, len(self.density), self.density, least=64)
+        parallel_for(moves.blank, len(self.density), self.density, least=64)
         for name in sources:
             self._deposit(species[name])
         self._poisson.solve(self.density, out=self._potential)

@@ -27,7 +27,7 @@ from discsim.kernels.common.neighbours import (
 )
 from discsim.numerics import world
 from discsim.numerics.sorting import counting_sort
-from discsim.numerics.threads import share
+from discsim.numerics.threads import parallel_for
 from discsim.numerics.world import Alone
 
 Array = np.ndarray
@@ -126,7 +126,7 @@ def grids_of(
     least, most = (extent * float(h[0]) for h in (together.least(smallest), together.most(largest)))
     edges = (1.0 + 1e-12) * max(2.0 * least, most * 2.0 ** (1 - MAX_CLASSES)) * 2.0 ** np.arange(MAX_CLASSES)
     classes = np.empty(len(pos), np.uint8)
-    found = np.array(share(kernels.size_classes, len(pos), h, extent, edges, classes, light=True))
+    found = np.array(parallel_for(kernels.size_classes, len(pos), h, extent, edges, classes, light=True))
     members, reach = together.sum(found[:, 0].sum(axis=0)), together.most(found[:, 1].max(axis=0))
     table, count = _lay_grids(members, reach, low, width, periodic, stretch)
     return Grids(table, count, edges, extent, low, width, periodic), classes
@@ -136,7 +136,7 @@ def keys_in(grids: Grids, classes: Array, pos: Array) -> Array:
     """Return the cell number (n,) of each particle."""
     key = np.empty(len(pos), np.uint32)
     per_side = 1.0 / grids.table[:, SIDE_X : SIDE_X + 2]
-    share(kernels.cell_keys, len(pos), pos, classes, grids.table, per_side, grids.low, key, light=True)
+    parallel_for(kernels.cell_keys, len(pos), pos, classes, grids.table, per_side, grids.low, key, light=True)
     return key
 
 
@@ -152,7 +152,7 @@ def cells_in(
     x, y, radius = laid = np.empty((3, len(pos) + LANES))  # padded for loops over whole vectors
     laid[:, len(pos) :] = 0.0
     bounds = np.empty((grids.cells, 5))
-    share(kernels.lay_out, grids.cells, pos, h, grids.extent, order, start, x, y, radius, bounds)
+    parallel_for(kernels.lay_out, grids.cells, pos, h, grids.extent, order, start, x, y, radius, bounds)
     filled = np.flatnonzero(np.diff(start))
     table = grids.table.copy()  # `widen` changes the table of these cells
     return Cells(filled, key, table, order, start, x, y, radius, bounds, grids.low, grids.width, grids.periodic)
@@ -165,12 +165,12 @@ def candidates(points: Cells, among: Cells, mutual: bool, extent: float = 1.0, i
     kernels find windows.
     """
     given = points.filled, points.bounds, extent, mutual, in_slabs, among
-    return share(list_candidates, len(points.filled), *given, least=LEAST)
+    return parallel_for(list_candidates, len(points.filled), *given, least=LEAST)
 
 
 def _extremes(values: Array) -> tuple[Array, Array]:
     # Least and largest of each column of values (n, columns), ignoring NaN.
-    found = np.array(share(kernels.extremes, len(values), np.ascontiguousarray(values), light=True))
+    found = np.array(parallel_for(kernels.extremes, len(values), np.ascontiguousarray(values), light=True))
     return found[:, 0].min(axis=0), found[:, 1].max(axis=0)
 
 

@@ -41,8 +41,8 @@ from discsim.kernels.gravity.poisson import (
     store_rows,
     tiles_to_rows,
 )
-from discsim.numerics import teams, threads
-from discsim.numerics.threads import share
+from discsim.numerics import thread_pool, threads
+from discsim.numerics.threads import parallel_for
 
 Array = np.ndarray
 ALL = slice(None)
@@ -140,7 +140,7 @@ class Workers:
 
     def each(self, work: "Callable[[Worker, int], None]", batches: int) -> None:
         """Call `work(worker, batch)` for all batches; the results do not depend on the worker."""
-        while len(self._workers) < teams.number_of_threads():  # on this thread, as FFTW's planner is serial
+        while len(self._workers) < thread_pool.number_of_threads():  # on this thread, as FFTW's planner is serial
             self._workers.append(Worker(*self._of))
 
         def part(first: int, last: int) -> None:
@@ -152,7 +152,7 @@ class Workers:
                 self._workers.append(worker)
 
         # In a light loop a node takes 25% of the time of a particle.
-        share(part, batches, least=max(1, batches * 4 * threads.LIGHT // math.prod(self._of[0])))
+        parallel_for(part, batches, least=max(1, batches * 4 * threads.MIN_CHUNK_CHEAP // math.prod(self._of[0])))
 
 
 class Worker:

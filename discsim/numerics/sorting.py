@@ -6,8 +6,8 @@ The order is unique, and so the same for any number of threads.
 import numpy as np
 
 from discsim.kernels.common import sorting as kernels
-from discsim.numerics import teams, threads
-from discsim.numerics.threads import share
+from discsim.numerics import thread_pool, threads
+from discsim.numerics.threads import parallel_for
 
 Array = np.ndarray
 
@@ -24,17 +24,17 @@ def counting_sort(
     np.cumsum(ends, out=ends)
     start = ends[::parts].astype(np.int64)
     order = np.empty(len(key), np.uint32)
-    share(kernels.put_in_order, parts, key, parts, ends, order, least=1)
+    parallel_for(kernels.put_in_order, parts, key, parts, ends, order, least=1)
     if place is not None:
         some = _behind(key, place, order, start) if loose is None else _keys_of(loose, key, count)
-        share(kernels.sort_members, len(some), some, start, place, order)
+        parallel_for(kernels.sort_members, len(some), some, start, place, order)
     return order, start
 
 
 def _behind(key: Array, place: Array, order: Array, start: Array) -> Array:
     """Return the keys whose members are not in the order of their `place` (n,)."""
     behind = np.empty(len(key) + 1, bool)
-    share(kernels.find_behind, len(key), place, order, behind)
+    parallel_for(kernels.find_behind, len(key), place, order, behind)
     behind[start] = False  # the first member of each key, and the entry beyond the end
     some = key[order[np.flatnonzero(behind)]]
     another = np.ones(len(some), bool)
@@ -66,7 +66,9 @@ def counts(key: Array, count: int) -> Array:
 def _count(key: Array, count: int) -> tuple[Array, int]:
     # Counts of each key in each part, after a 0; their cumulative sum gives positions. The number of parts is bounded,
     # so that this array is small compared with those of the particles.
-    parts = max(1, min(teams.number_of_threads(), len(key) // threads.LIGHT, 4 * len(key) // max(count, 1024)))
+    parts = max(
+        1, min(thread_pool.number_of_threads(), len(key) // threads.MIN_CHUNK_CHEAP, 4 * len(key) // max(count, 1024))
+    )
     place = np.zeros(count * parts + 1, np.uint32)
-    share(kernels.count_keys, parts, key, parts, place, least=1)
+    parallel_for(kernels.count_keys, parts, key, parts, place, least=1)
     return place, parts

@@ -34,9 +34,9 @@ from discsim.kernels.sph.forces import (
 )
 from discsim.kernels.sph.packs import FLUIDITY, ROWS, STRIDE, SWITCH, SYY, Scale
 from discsim.kernels.sph.smoothing import KERNELS, SQUEEZED, SUPPORT
-from discsim.numerics import room, world
+from discsim.numerics import alloc, world
 from discsim.numerics.neighbours import LEAST, Grids, box_about, candidates, cells_in, grids_of, keys_in
-from discsim.numerics.threads import share
+from discsim.numerics.threads import parallel_for
 from discsim.numerics.totals import mean
 from discsim.numerics.world import Fetched
 
@@ -217,7 +217,9 @@ class Sph:
             driver(first, last, part, left, given, found, wanted, unit, cells, True, outgrown)
 
         left, outgrown = cells.filled, np.zeros(len(cells.filled), np.bool_)
-        share(driver, len(left), left, given, found, wanted, unit, cells, False, outgrown, least=LEAST, each=lists)
+        parallel_for(
+            driver, len(left), left, given, found, wanted, unit, cells, False, outgrown, least=LEAST, each=lists
+        )
         while True:
             both.refresh(h)
             left = left[outgrown]
@@ -228,7 +230,7 @@ class Sph:
             if not self.meets_all(some):
                 return False
             outgrown = np.zeros(len(left), np.bool_)
-            share(again, len(left), least=LEAST)
+            parallel_for(again, len(left), least=LEAST)
             if len(left) < len(some):
                 others = np.setdiff1d(some, left, assume_unique=True)
                 self.meet(self.list_anew(cells, others, 0, len(others)))
@@ -251,7 +253,7 @@ class Sph:
     def parts(self, lists: list[Any]) -> list[Any]:
         """Pair each list with work arrays for its sums; arrays allocated in kernels would add reference counting."""
         most, real = self.fullest, np.float32 if self.single else np.float64
-        packs = room.aligned((len(lists), ROWS * STRIDE), real)
+        packs = alloc.aligned((len(lists), ROWS * STRIDE), real)
         packs[:] = 0.0
         members = (most + TILE - 1) // TILE * TILE * MEMBER_ROWS
         return [(part, Work(packs[k], np.zeros(members), np.empty((most, 5)))) for k, part in enumerate(lists)]
@@ -278,7 +280,7 @@ class Sph:
         elif conductivity is not None or len(nu) > 0:
             last = FLUIDITY
         columns = self._columns(len(mass), last + 1)
-        share(
+        parallel_for(
             force_columns, len(mass), Given(moving, mass), found, pressure, sound, energy, nu, *terms,
             alpha, scale, self.cells.order, columns,
         )  # fmt: skip
@@ -291,8 +293,8 @@ class Sph:
             (part,) = self.parts([self.list_anew(met, met.filled, first, last)])
             return driver(first, last, part, *given, met, self.met, True)
 
-        rates = share(driver, len(filled), *given, self.cells, self.met, False, least=LEAST, each=self.lists)
-        rates += share(again, len(met.filled), least=LEAST)
+        rates = parallel_for(driver, len(filled), *given, self.cells, self.met, False, least=LEAST, each=self.lists)
+        rates += parallel_for(again, len(met.filled), least=LEAST)
         both.keep(gas.acc, acc)
         if u is not None:
             both.keep(gas.heating_rate, rate)
@@ -305,7 +307,7 @@ class Sph:
         """Return memory for the columns of forces, which is reused: allocation takes as much time as the writing."""
         if len(self.columns) < count:
             spare = min(len(self.columns), count // 16)  # if it had to grow once, it may grow again
-            self.columns = room.aligned((count + spare, width))
+            self.columns = alloc.aligned((count + spare, width))
         return self.columns[:count]
 
     def _uneven(self, gas: Gas) -> bool:

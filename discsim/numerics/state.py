@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self
 import numpy as np
 
 from discsim.formulas.centre import central, omega
-from discsim.numerics import room, world
+from discsim.numerics import alloc, world
 from discsim.numerics.bodies import Bodies
 from discsim.numerics.dataframe import dataframe_of
 from discsim.scene.summary import Rows, Summarised
@@ -92,14 +92,14 @@ class Particles(Summarised):
     def take(self, index: Array) -> None:
         """Keep the particles `index` (integers), in that order, in every array."""
         from discsim.kernels.common.move import take_rows
-        from discsim.numerics.threads import share
+        from discsim.numerics.threads import parallel_for
 
         for name, array in self.arrays().items():
-            taken = room.empty(len(index), array, self.spare)
+            taken = alloc.allocate(len(index), array, self.spare)
             # Arrays are viewed as integers of the same width, so that one kernel serves all types.
             wide = math.prod(array.shape[1:])
             rows, out = (a.reshape(len(a), wide).view(f"i{array.itemsize}") for a in (array, taken))
-            share(take_rows, len(index), rows, index, out)
+            parallel_for(take_rows, len(index), rows, index, out)
             setattr(self, name, taken)
 
     @property
@@ -153,9 +153,9 @@ class Particles(Summarised):
         if len(others) == 0:
             return array
         count = len(array) + len(others)
-        both = room.longer(array, count)
+        both = alloc.grow(array, count)
         if both is None:
-            both = room.empty(count, array, self.spare)
+            both = alloc.allocate(count, array, self.spare)
             both[: len(array)] = array
         both[len(array) :] = others
         return both

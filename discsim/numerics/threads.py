@@ -4,8 +4,8 @@
     def kernel(first, last, ...):      # for i in range(first, last)
 
 Chunks only divide independent work, so results are bitwise the same for any number of threads. One loop per kernel,
-without numba's own parallel lowering, also compiles in a fraction of the time. `numerics/teams.py` assigns chunks to
-threads.
+without numba's own parallel lowering, also compiles in a fraction of the time. `numerics/thread_pool.py` assigns
+chunks to threads.
 """
 
 from collections.abc import Callable, Iterator
@@ -13,23 +13,25 @@ from typing import Any
 
 import numpy as np
 
-from discsim.numerics import room, teams
+from discsim.numerics import alloc, thread_pool
 from discsim.parts import Lazy
 
 numba, moves = Lazy("numba"), Lazy("discsim.kernels.common.move")
 
 BLOCK = 8192  # entries per block of numpy operations
-LIGHT = 65536  # least particles in a chunk of a cheap kernel (some ns each); waking a thread for fewer gains nothing
+MIN_CHUNK_CHEAP = (
+    65536  # least particles in a chunk of a cheap kernel (some ns each); waking a thread for fewer gains nothing
+)
 SMALLEST = 8  # the smallest chunk is at least 1 / SMALLEST of a thread's share, which bounds the wait at the end
 
 
-def use_threads(number: int | None) -> None:
+def set_threads(number: int | None) -> None:
     """Set the number of threads of loops of this Python thread, at most (None: equal to) NUMBA_NUM_THREADS."""
     most = int(numba.config.NUMBA_NUM_THREADS)
-    teams.allowed.set(most if number is None else min(number, most))
+    thread_pool.thread_limit.set(most if number is None else min(number, most))
 
 
-def share(
+def parallel_for(
     kernel: Callable[..., Any], count: int, *arguments: Any, least: int = 4096, light: bool = False,
     each: list[Any] | None = None,
 ) -> list[Any]:  # fmt: skip
@@ -38,27 +40,27 @@ def share(
     least: least length of a chunk. light: the kernel is cheap, and LIGHT replaces `least`. each: list returned by an
     earlier call with the same count and `least`, whose entry for a chunk becomes the third argument.
     """
-    threads = teams.number_of_threads()
-    runs = pieces(count, LIGHT if light else least, threads)
+    threads = thread_pool.number_of_threads()
+    runs = chunks(count, MIN_CHUNK_CHEAP if light else least, threads)
     spans = [span for run in runs for span in run]
     parts = [(*span, *([] if each is None else [each[k]])) for k, span in enumerate(spans)]
     return _run(kernel, parts, arguments, [len(run) for run in runs], threads)
 
 
-def share_all(
+def parallel_for_ranges(
     kernel: Callable[..., Any], several: list[tuple[Any, ...]], *, least: int = 4096, light: bool = False
 ) -> list[list[Any]]:
     """Run `share` over several ranges, each a count and its arguments, as one loop; return the results for each range.
 
     Threads do not wait for each other between short ranges.
     """
-    threads = teams.number_of_threads()
+    threads = thread_pool.number_of_threads()
     counts = [count for count, *_ in several]
     begins = [sum(counts[:k]) for k in range(len(counts))]
     parts: list[tuple[Any, ...]] = []
     of: list[int] = []
     lengths = []
-    for run in pieces(sum(counts), LIGHT if light else least, threads):
+    for run in chunks(sum(counts), MIN_CHUNK_CHEAP if light else least, threads):
         before = len(parts)
         for first, last in run:
             for k, ((count, *given), begin) in enumerate(zip(several, begins, strict=True)):
@@ -71,18 +73,18 @@ def share_all(
     return [[one for one, whose in zip(found, of, strict=True) if whose == k] for k in range(len(several))]
 
 
-def share_in_turn(kernels: list[tuple[Any, ...]], count: int, *, least: int = 4096) -> None:
+def parallel_for_fused(kernels: list[tuple[Any, ...]], count: int, *, least: int = 4096) -> None:
     """Run `share` for several kernels, each with its arguments, as one loop: each chunk runs all kernels in turn.
 
     Threads do not wait for each other between kernels. A kernel may read results of earlier ones in its own range only.
     """
-    threads = teams.number_of_threads()
+    threads = thread_pool.number_of_threads()
 
     def kernel(first: int, last: int) -> None:
         for one, *arguments in kernels:
             one(first, last, *arguments)
 
-    runs = pieces(count, least, threads)
+    runs = chunks(count, least, threads)
     _run(kernel, [span for run in runs for span in run], (), [len(run) for run in runs], threads)
 
 
@@ -95,10 +97,10 @@ def _run(
 ) -> list[Any]:
     if len(lengths) < 2:
         return [kernel(*part, *arguments) for part in parts]
-    return teams.share(teams.Loop(kernel, parts, arguments, lengths), threads)
+    return thread_pool.run_loop(thread_pool.Loop(kernel, parts, arguments, lengths), threads)
 
 
-def pieces(count: int, least: int, threads: int) -> list[list[tuple[int, int]]]:
+def chunks(count: int, least: int, threads: int) -> list[list[tuple[int, int]]]:
     """Return chunks (first, last) of [0, count) for each thread: half of its part, half of the rest, and so on.
 
     Large chunks at first have little overhead, and small ones at the end a short wait.
@@ -119,8 +121,8 @@ def pieces(count: int, least: int, threads: int) -> list[list[tuple[int, int]]]:
 
 def copied(array: np.ndarray) -> np.ndarray:
     """Return a copy of an array (n, ...) with the same spare capacity."""
-    out = room.like(array)
-    share(moves.assign, len(out), out, array, light=True)
+    out = alloc.allocate_like(array)
+    parallel_for(moves.assign, len(out), out, array, light=True)
     return out
 
 
@@ -131,7 +133,7 @@ def fill(out: np.ndarray, values: Callable[[slice], np.ndarray | float]) -> None
         for piece in blocks(first, last):
             out[piece] = values(piece)
 
-    share(part, len(out))
+    parallel_for(part, len(out))
 
 
 def blocks(first: int, last: int) -> Iterator[slice]:

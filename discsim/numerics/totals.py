@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from discsim.numerics import world
-from discsim.numerics.threads import share
+from discsim.numerics.threads import parallel_for
 from discsim.parts import Lazy
 
 kernels = Lazy("discsim.kernels.common.totals")
@@ -29,7 +29,7 @@ def totals(values: Array) -> Array:
     """Return the sum (columns,) of each column of values (n, columns); NaN if an entry is not finite."""
     values = np.ascontiguousarray(values, float)
     few = None if len(values) > FEW or world.together.many else _sums_of_few(values)
-    return rounded(sum(share(kernels.add_columns, len(values), values, light=True))) if few is None else few
+    return rounded(sum(parallel_for(kernels.add_columns, len(values), values, light=True))) if few is None else few
 
 
 def _sums_of_few(values: Array) -> Array | None:

@@ -14,10 +14,10 @@ import numpy as np
 from mpi4py import MPI
 
 from discsim.kernels.mpi.tiles import in_marked, near_marked, tiles_of
-from discsim.numerics import room
+from discsim.numerics import alloc
 from discsim.numerics.batches import LEAST, bounds_anew, bounds_of
 from discsim.numerics.layout import grid_cells
-from discsim.numerics.threads import share
+from discsim.numerics.threads import parallel_for
 from discsim.ranks.comm import Comm, Route, by_rank
 from discsim.ranks.exchange import joined
 
@@ -62,7 +62,7 @@ class Division:
     def tile_of(self, pos: Array) -> Array:
         """Return the tile (n,) of each position (n, d)."""
         out = np.empty(len(pos), np.int64)
-        share(tiles_of, len(pos), pos, self.tiles, out)
+        parallel_for(tiles_of, len(pos), pos, self.tiles, out)
         return out
 
     def near(self, pos: Array) -> Array:
@@ -78,7 +78,7 @@ class Division:
             ends = np.array([begin + self.margin, begin + size - self.margin])
         bounds, others = self.bounds(pos), self.owner != self.comm.rank
         given = pos, bounds, self.margin, ends, self.tiles, others
-        return joined(share(near_marked, len(bounds), *given, least=LEAST))
+        return joined(parallel_for(near_marked, len(bounds), *given, least=LEAST))
 
     def bounds(self, pos: Array) -> Array:
         """Return the bounds of batches of positions (n, d), as in `numerics/batches.py`."""
@@ -95,7 +95,7 @@ class Division:
 
     def within(self, pos: Array, marked: Array, bounds: Array) -> Array:
         """Return the indices of positions (n, d), with batch `bounds`, that are in `marked` tiles (tiles,)."""
-        return joined(share(in_marked, len(bounds), pos, bounds, self.tiles, marked, least=LEAST))
+        return joined(parallel_for(in_marked, len(bounds), pos, bounds, self.tiles, marked, least=LEAST))
 
     def cut(self, species: dict[str, Particles], whole: bool = False) -> bool:
         """Divide the tiles again if the balance requires it; return whether owners changed.
@@ -154,7 +154,7 @@ class Division:
             order = np.argsort(route.send(p.place))
             p.spare = int(spare * len(order))
             for array_name, array in p.arrays().items():
-                held = room.empty(len(order), array, p.spare)
+                held = alloc.allocate(len(order), array, p.spare)
                 setattr(p, array_name, np.take(route.send(array), order, axis=0, out=held))
             if name in state.own_acc and self.comm.mpi.allreduce(len(state.own_acc[name])) > 0:
                 state.own_acc[name] = route.send(state.own_acc[name])[order]

@@ -29,10 +29,10 @@ from discsim.kernels.mpi.halo import (
     number_anew,
     sides_held,
 )
-from discsim.numerics import room, world
+from discsim.numerics import alloc, world
 from discsim.numerics.batches import LEAST
 from discsim.numerics.state import State
-from discsim.numerics.threads import share
+from discsim.numerics.threads import parallel_for
 from discsim.numerics.world import Needed
 from discsim.ranks.exchange import asked_of, in_cells, joined
 from discsim.ranks.leaves import Leaves, widened
@@ -91,7 +91,7 @@ class Agreement(Known):
         if known is None:
             known = self._leaves[name] = find(pos)
             return known
-        own, both = len(known), room.longer(known, len(pos))
+        own, both = len(known), alloc.grow(known, len(pos))
         if both is None:
             return np.concatenate([known, find(pos[own:])])
         both[own:] = find(pos[own:])  # those of ghosts
@@ -109,7 +109,7 @@ def _some(blocks: Merged, some: Array) -> Merged:
     """Return the blocks `some`, and renumber blocks in their leaves in place."""
     number = np.full(len(blocks.level) + 2, -1, np.int32)  # -1: of no block
     number[some] = np.arange(len(some))
-    share(number_anew, len(blocks.number), blocks.number, number, light=True)
+    parallel_for(number_anew, len(blocks.number), blocks.number, number, light=True)
     return Merged(blocks.number, *(each[some] for each in blocks[1:]))
 
 
@@ -218,7 +218,7 @@ class DividedDrag:
             blocks.number[-1] = len(blocks.level)  # for particles outside
             own = np.zeros(len(blocks.level), bool)
             held = agreement.held(lattice, leaves)
-            share(mark_held, len(held), held, blocks.number, own, light=True)
+            parallel_for(mark_held, len(held), held, blocks.number, own, light=True)
             # Nodes are of one level: a block depends on others of its own side, up to `rings` + 2 away.
             widest = int(blocks.level[own].max(initial=0))
             away = -(-(rings + 2 << widest) // MOST) if rings >= 0 else 0
@@ -240,7 +240,7 @@ class DividedDrag:
         bounds, along = self.division.bounds(pos), np.array([1.0, self.drag.dim - 1.0])  # 0 in one dimension
         part = *map(float, lattice.first), *(lattice.periodic * along * lattice.whole).tolist()
         given = bounds, along * lattice.origin, lattice.side, part, MOST, marked
-        return joined(share(batches_near, len(bounds), *given, least=LEAST))
+        return joined(parallel_for(batches_near, len(bounds), *given, least=LEAST))
 
 
 def _needed(blocks: Merged, lattice: Lattice, own: Array, away: int, rings: int, flat: bool) -> Array:

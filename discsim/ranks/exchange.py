@@ -10,11 +10,11 @@ import numpy as np
 from discsim.kernels.mpi.batches import BATCH
 from discsim.kernels.mpi.halo import in_runs, number_runs
 from discsim.kernels.mpi.tiles import take_spans
+from discsim.numerics.alloc import grow
 from discsim.numerics.batches import LEAST
-from discsim.numerics.room import longer
 from discsim.numerics.sorting import counting_sort
 from discsim.numerics.state import Particles
-from discsim.numerics.threads import share
+from discsim.numerics.threads import parallel_for
 from discsim.numerics.world import Needed
 from discsim.ranks.comm import Comm, Route
 
@@ -84,7 +84,7 @@ class Wide:
         return out
 
     def beside(self, array: Array) -> Array:
-        both = None if self._lasting else longer(array, self.count)
+        both = None if self._lasting else grow(array, self.count)
         if both is None:
             both = np.empty((self.count, *array.shape[1:]), array.dtype)
             both[self.own] = array
@@ -182,7 +182,7 @@ def route_to(comm: Comm, key: Array, asked: Asked, of: Array | None = None, batc
     """
     number = asked.number
     batches = np.arange(-(-len(key) // BATCH)) if batches is None else batches
-    found = share(in_runs, len(batches), batches, key, of, number, least=LEAST)  # few of all batches
+    found = parallel_for(in_runs, len(batches), batches, key, of, number, least=LEAST)  # few of all batches
     some, numbers = (joined([each[k] for each in found]) for k in range(2))
     order, start = counting_sort(numbers, int(number[-1]))
     first, last = start[number[asked.first]], start[number[asked.last]]

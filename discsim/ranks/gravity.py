@@ -21,7 +21,7 @@ from discsim.numerics.grid import Grid, Node
 from discsim.numerics.mesh import Mesh
 from discsim.numerics.poisson import Kernel
 from discsim.numerics.state import Particles
-from discsim.numerics.threads import share
+from discsim.numerics.threads import parallel_for
 from discsim.ranks.comm import Route, by_rank
 from discsim.ranks.division import Division
 from discsim.ranks.exchange import Wide, joined, rising
@@ -65,14 +65,14 @@ class Nodes:
         begin, end (nx,): columns of the part, in each row.
         """
         x, y = (tiles[k : k + n] for tiles, k, n in zip(self.tiles, first, density.shape, strict=True))
-        share(leave_own, len(x), x, y, self.owner, self.comm.rank, begin, end, density, least=16)
+        parallel_for(leave_own, len(x), x, y, self.owner, self.comm.rank, begin, end, density, least=16)
 
     def about(self, particles: Particles) -> About:
         """Fetch the particles of a species about own nodes."""
         grid, pos = self.grid, particles.pos
         some = self.division.near(pos)
         where = grid.origin, 1.0 / grid.cell, grid.periodic, self.tiles, self.owner, self.comm.rank
-        found = share(others_about, len(some), some, pos, *where)  # few
+        found = parallel_for(others_about, len(some), some, pos, *where)  # few
         rows, whose = (joined([each[k] for each in found]) for k in range(2))
         wide = Wide(particles, Route(self.comm, by_rank(rows, whose, self.comm.size)))
         pos, mass = wide.of_all([pos, particles.mass])

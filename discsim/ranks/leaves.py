@@ -19,7 +19,7 @@ from discsim.kernels.mpi.halo import add_blocks, cut_blocks, mark_leaves
 from discsim.numerics import world
 from discsim.numerics.neighbours import corners
 from discsim.numerics.state import Particles
-from discsim.numerics.threads import share
+from discsim.numerics.threads import parallel_for
 from discsim.numerics.world import Needed
 from discsim.ranks.comm import Comm
 from discsim.ranks.exchange import REMEMBERED, asked_of, route_to
@@ -77,7 +77,7 @@ class Leaves:
         tables = [array[:-1].reshape(lattice.shape) for array in held]
         x, y = (np.arange(0, n, MOST) for n in lattice.shape)
         own, leaves = np.zeros((len(x), len(y)), bool), np.empty(lattice.shape, bool)
-        share(mark_leaves, len(x), tables[0], tables[1], MOST, leaves, own, least=LEAST)
+        parallel_for(mark_leaves, len(x), tables[0], tables[1], MOST, leaves, own, least=LEAST)
         mask = widened(own, lattice, self.reach)
         along, first = -(-lattice.whole[1] // MOST), np.array(lattice.first) // MOST
         begin = ((first[0] + np.arange(len(x)))[:, None] * along + first[1] + np.arange(len(y))).ravel()

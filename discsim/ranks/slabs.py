@@ -13,7 +13,7 @@ import numpy as np
 from scipy.fft import dct
 
 from discsim.kernels.gravity.poisson import TILE
-from discsim.numerics import teams
+from discsim.numerics import thread_pool
 from discsim.numerics.poisson import (
     ROWS,
     Kernel,
@@ -53,7 +53,7 @@ class Slabs:
         self.by_rows = np.empty((tiles_of(padded), rows, TILE), complex)
         self.by_tiles = np.empty((tiles, self.count, TILE), complex)
         self._kernel = self._transform(padded, cell, kernel, periodic) / (padded[0] * padded[1])
-        self._workers = Workers(padded, periodic, border, teams.number_of_threads())
+        self._workers = Workers(padded, periodic, border, thread_pool.number_of_threads())
         self._turn = Turn(comm, self._tiles, self.rows)
 
     def solve(self) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 
 from discsim.effects import load_effects
 from discsim.numerics.state import Dust, Gas, State
-from discsim.numerics.threads import use_threads
+from discsim.numerics.threads import set_threads
 from discsim.ranks.agreed import led
 from discsim.ranks.comm import Comm
 from discsim.run.start import Begun, begin
@@ -24,7 +24,7 @@ TOLD = ("time", "step", "earlier", "lag", "ledger", "pace", "bodies")  # fields 
 
 def begun(comm: Comm, scene: Scene, to_restore: bool) -> Begun:
     """Return the start by `begin`, with all particles on the leading rank."""
-    use_threads(scene.run.threads)
+    set_threads(scene.run.threads)
     made: list[Begun] = []
 
     def make() -> Any:

@@ -15,7 +15,7 @@ import numpy as np
 from discsim.kernels.common.grid import BAND
 from discsim.kernels.mpi.tiles import put_spans, take_spans
 from discsim.numerics.grid import BORDER, Extent, Grid
-from discsim.numerics.threads import share
+from discsim.numerics.threads import parallel_for
 from discsim.ranks.comm import Comm
 
 Array = np.ndarray
@@ -121,7 +121,7 @@ class Rows(NamedTuple):
     def take(self, field: Array) -> Array:
         """Return the entries (m,) of the spans in a field (x, y)."""
         out = np.empty(int(self.start[-1]))
-        share(take_spans, len(self.row), field, *self, out, least=64)  # rows
+        parallel_for(take_spans, len(self.row), field, *self, out, least=64)  # rows
         return out
 
     def put(self, found: Array, field: Array, add: bool = False) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from discsim.numerics.teams import cpu_time
+from discsim.numerics.thread_pool import cpu_time
 from discsim.output.costtable import COLUMNS
 from discsim.output.files import written
 

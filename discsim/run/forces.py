@@ -9,11 +9,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from discsim.effects.base import Effect, doing
-from discsim.numerics import room, world
+from discsim.effects.base import Effect, overriding
+from discsim.numerics import alloc, world
 from discsim.numerics.state import State
-from discsim.numerics.teams import beside, several_threads
-from discsim.numerics.threads import copied, share
+from discsim.numerics.thread_pool import run_concurrently, several_threads
+from discsim.numerics.threads import copied, parallel_for
 from discsim.parts import Lazy
 from discsim.printable import UserError
 from discsim.run.costs import Costs
@@ -58,14 +58,14 @@ def accelerate(state: State, effects: Effects, costs: Costs) -> None:
             _add_all(state, effects, costs)
             return
         preparing = (
-            partial(_do, effects[name].prepare, state, name, costs, calls=0) for name in doing(effects, "prepare")
+            partial(_do, effects[name].prepare, state, name, costs, calls=0) for name in overriding(effects, "prepare")
         )
-        beside(*preparing)
+        run_concurrently(*preparing)
         accelerating: list[Callable[[], None]] = [partial(_add_all, state, effects, costs)]
         owner = kick_owner(effects)
         if owner is not None:
             accelerating.append(partial(_do, effects[owner].prepare_kick, state, owner, costs, calls=0))
-        beside(*accelerating)
+        run_concurrently(*accelerating)
     except BaseException:
         state.blank.clear()
         for effect in effects.values():
@@ -90,12 +90,12 @@ def _add_all(state: State, effects: Effects, costs: Costs) -> None:
     common: dict[str, np.ndarray] = {}
     if owner is not None:
         with costs(owner):
-            common = _lay_aside(state, felt & _acted_on(effects, own), effects, own)
+            common = _save_shared(state, felt & _acted_on(effects, own), effects, own)
     for name in own:
         _add(state, effects[name], name, costs)
     if owner is not None:
         with costs(owner):
-            _join(state, _acted_on(effects, own), common)
+            _merge_accelerations(state, _acted_on(effects, own), common)
 
 
 def _acted_on(effects: Effects, names: list[str]) -> set[str]:
@@ -113,22 +113,22 @@ def _blank(state: State, effects: Effects, order: list[str], species: Iterable[s
         if first is not None and first.writes_first:
             state.blank.add(name)
         else:
-            share(moves.blank, p.count, p.acc, light=True)
+            parallel_for(moves.blank, p.count, p.acc, light=True)
 
 
-def _lay_aside(state: State, species: set[str], effects: Effects, left: list[str]) -> dict[str, np.ndarray]:
+def _save_shared(state: State, species: set[str], effects: Effects, left: list[str]) -> dict[str, np.ndarray]:
     """Return the shared accelerations of the given species, and give the species a new `acc`.
 
     left: effects still to accelerate.
     """
     found = {name: p.acc for name, p in state.species.items() if name in species}
     for name in found:
-        state.species[name].acc = room.like(found[name])
+        state.species[name].acc = alloc.allocate_like(found[name])
     _blank(state, effects, left, found)
     return found
 
 
-def _join(state: State, alone: set[str], common: dict[str, np.ndarray]) -> None:
+def _merge_accelerations(state: State, alone: set[str], common: dict[str, np.ndarray]) -> None:
     """Store the unshared accelerations in `own_acc`, and add the shared ones, `common`, to `acc`.
 
     alone: species with unshared accelerations.
@@ -137,7 +137,7 @@ def _join(state: State, alone: set[str], common: dict[str, np.ndarray]) -> None:
     for name, p in state.species.items():
         if name in common:
             own, p.acc = p.acc, common[name]
-            share(moves.add_scaled, p.count, p.acc, own, 1.0, light=True)
+            parallel_for(moves.add_scaled, p.count, p.acc, own, 1.0, light=True)
         elif name in alone:
             p.acc = copied(p.acc)
 

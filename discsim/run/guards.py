@@ -14,7 +14,7 @@ from discsim.numerics import world
 from discsim.numerics.bodies import Bodies
 from discsim.numerics.entries import EntryError, check_arrays, check_like, check_ranges
 from discsim.numerics.state import State
-from discsim.numerics.threads import share_all
+from discsim.numerics.threads import parallel_for_ranges
 from discsim.parts import Lazy
 from discsim.physics.orbits import in_drift
 from discsim.run.forces import Effects, Limits, PhysicsError, acceleration_of
@@ -238,4 +238,4 @@ def _are_finite(arrays: list[np.ndarray]) -> bool:
     All arrays share one loop, as few are long enough for threads to be faster with a loop for each.
     """
     rows = [(len(array), array.reshape(len(array), -1)) for array in arrays if array.size > 0]
-    return all(chain(*share_all(finite.are_finite, rows, light=True)))
+    return all(chain(*parallel_for_ranges(finite.are_finite, rows, light=True)))

@@ -6,10 +6,10 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from discsim.effects.base import Effect, doing, to_sort
+from discsim.effects.base import Effect, overriding, to_sort
 from discsim.numerics import world
 from discsim.numerics.state import State
-from discsim.numerics.teams import beside
+from discsim.numerics.thread_pool import run_concurrently
 from discsim.run import forces, guards
 from discsim.run.costs import Costs
 from discsim.run.forces import Limits, PhysicsError
@@ -23,7 +23,7 @@ class Operators:
 
     def __init__(self, state: State, effects: dict[str, Effect]) -> None:
         self.state, self.effects = state, effects
-        self.operating = doing(effects, "operate")
+        self.operating = overriding(effects, "operate")
         self.costs = Costs(effects)
         self.limits = Limits()
         self.reversals = guards.Reversals()
@@ -95,9 +95,9 @@ class Operators:
             with self.costs(name, calls=0):
                 getattr(self.effects[name], what)(self.state, *given)
 
-        names = doing(self.effects, what)
+        names = overriding(self.effects, what)
         for together in [[name] for name in names] if world.together.many else [names]:
-            beside(*(partial(do, name) for name in together))
+            run_concurrently(*(partial(do, name) for name in together))
 
     def forces(self) -> None:
         """Compute the accelerations of all effects at the present positions, and their step limits."""

@@ -25,7 +25,7 @@ from discsim.initial import own
 from discsim.numerics.bodies import Bodies
 from discsim.numerics.entries import EntryError
 from discsim.numerics.state import Dust, Gas, State
-from discsim.numerics.threads import use_threads
+from discsim.numerics.threads import set_threads
 from discsim.output.checkpoint import (
     CheckpointError,
     OtherVersionWarning,
@@ -96,7 +96,7 @@ class Simulation(Summarised):
         self.scene = scene
         if faults := list(too_much(scene)):
             raise SceneError(faults)
-        use_threads(scene.run.threads)
+        set_threads(scene.run.threads)
         self.state, effects, self.relaxed = begun or begin(scene, given, to_restore)
         self.operators = Operators(self.state, effects)
         self._integrate = found_at(INTEGRATORS[scene.run.integrator])
@@ -371,7 +371,7 @@ class Simulation(Summarised):
         """
         if effect not in self.effects:
             raise KeyError(f"no effect {effect!r} in this scene; it has {', '.join(self.effects)}")
-        use_threads(self.scene.run.threads)
+        set_threads(self.scene.run.threads)
         if self._open is None:
             guards.check_entries(self.state, self.effects)
         found = acceleration_of(self.effects[effect], self.state)
@@ -493,7 +493,7 @@ class Simulation(Summarised):
         A second Ctrl-C raises KeyboardInterrupt at once, or after other threads have ended their loops. The state is
         then between two times, and nothing can continue from it.
         """
-        use_threads(self.scene.run.threads)
+        set_threads(self.scene.run.threads)
         noted: list[int] = []
 
         def note(number: int, frame: FrameType | None) -> None:
@@ -517,7 +517,7 @@ class Simulation(Summarised):
 
     def _prepare(self) -> None:
         """Refuse a state that cannot advance, check arrays that a caller may have set, and compute the first forces."""
-        use_threads(self.scene.run.threads)
+        set_threads(self.scene.run.threads)
         self._refuse_within()
         self._refuse_half_made()
         self.operators.take_back()

@@ -78,7 +78,7 @@ def test_throughput_of_the_main_job_is_told_by_pass(step_cost):
     text = io.StringIO()
     script("throughput").show_cases([{"case": "main", "cpu_of_dust": 0.0, **found}], Console(file=text, width=200))
     assert "forces" in text.getvalue() and "outside of loops" in text.getvalue()
-    for share in (threads.share, threads.share_all, threads.share_in_turn):  # watched no more
+    for share in (threads.parallel_for, threads.parallel_for_ranges, threads.parallel_for_fused):  # watched no more
         assert share.__module__ == threads.__name__
 
 

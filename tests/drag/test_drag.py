@@ -18,7 +18,7 @@ from discsim.kernels.drag.blocks import IGNORE, INSIDE, NEAR
 from discsim.kernels.drag.coupled import ROOM, relax_coupled
 from discsim.kernels.drag.relax import relax_pair, response
 from discsim.kernels.drag.tsc.sharpen import sharpen_slope
-from discsim.numerics import teams
+from discsim.numerics import thread_pool
 
 DT = 0.7
 
@@ -186,7 +186,7 @@ def test_blocks_are_nested_squares_of_the_wanted_side():
 @pytest.mark.parametrize("threads", [1, 2])
 def test_blocks_of_a_lattice_of_any_shape(shape, threads, monkeypatch):
     """Squares cut by the lattice's end, each of leaves of its own that hold particles; a corner of 32 x 32 is empty."""
-    monkeypatch.setattr(teams, "number_of_threads", lambda: threads)
+    monkeypatch.setattr(thread_pool, "number_of_threads", lambda: threads)
     rng = np.random.default_rng(8)
     gas, dust = rng.poisson(3.0, shape), rng.poisson(1.0, shape)
     gas[:32, :32] = dust[:32, :32] = 0 if shape[0] > 32 else 1

@@ -157,7 +157,7 @@ from discsim import Simulation
 from discsim.numerics import threads
 from drags import OF_PARTICLES
 from pairs import cloud, scene
-threads.share.__kwdefaults__["least"] = 101  # as with 40 times the particles
+threads.parallel_for.__kwdefaults__["least"] = 101  # as with 40 times the particles
 for dimensions in (1, 2):
     given = cloud(dimensions, boundary="periodic", n=(600, 701))
     for scheme in OF_PARTICLES:

@@ -196,13 +196,13 @@ def test_looking_changes_nothing(tmp_path):
 
 
 def test_the_same_bits_on_any_number_of_threads(monkeypatch):
-    from discsim.numerics import teams
+    from discsim.numerics import thread_pool
 
     live = PLANET | {"mass": 0.05, "orbit": "live", "accretion_radius": 0.02, "accretion_rate": 9.0}
     star = {"frame": "inertial", "indirect": ["companions", "dust"], "grows": True, "accretion_radius": 0.5}
     found = []
     for number in (1, 3):
-        monkeypatch.setattr(teams, "number_of_threads", lambda number=number: number)
+        monkeypatch.setattr(thread_pool, "number_of_threads", lambda number=number: number)
         sim = Simulation(tables(live, 20_000, star))
         sim.run(0.05)
         found.append(sim)

@@ -2,7 +2,7 @@
 
 import threading
 
-from discsim.numerics.threads import share
+from discsim.numerics.threads import parallel_for
 
 
 def meet_in_a_loop(number):
@@ -17,5 +17,5 @@ def meet_in_a_loop(number):
         if waits:
             met.wait(30.0)
 
-    share(meet, 64, least=1)
+    parallel_for(meet, 64, least=1)
     return found

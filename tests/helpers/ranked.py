@@ -86,8 +86,8 @@ def tell(comm, name):
 
 
 def main():
-    pieces = threads.pieces
-    threads.pieces = lambda count, least, number: pieces(count, min(least, PIECES), number)
+    pieces = threads.chunks
+    threads.chunks = lambda count, least, number: pieces(count, min(least, PIECES), number)
     comm, names = Comm(), sys.argv[1:]
     for name in {"all": SCENES, "few": FEW_SCENES}.get(names[0], names):
         told = tell(comm, name)

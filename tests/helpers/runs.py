@@ -8,7 +8,7 @@ import sys
 import numpy as np
 
 from discsim import Simulation, read_snapshot
-from discsim.numerics import teams, threads
+from discsim.numerics import thread_pool, threads
 from discsim.output.checkpoint import read_checkpoint
 from discsim.output.open_step import left_open
 from discsim.output.snapshot import write_snapshot
@@ -214,9 +214,9 @@ def put_out(sim, path):
 
 
 def on_threads(monkeypatch, numbers=(1, 3), least=50):
-    """Numbers of threads, each in force while it is there; loops over `least` particles are cut into pieces already."""
-    pieces = threads.pieces
-    monkeypatch.setattr(threads, "pieces", lambda count, own, number: pieces(count, min(own, least), number))
+    """Numbers of threads, each in force while it is there; loops over `least` particles are divided already."""
+    chunks = threads.chunks
+    monkeypatch.setattr(threads, "chunks", lambda count, own, number: chunks(count, min(own, least), number))
     for number in numbers:
-        monkeypatch.setattr(teams, "number_of_threads", lambda number=number: number)
+        monkeypatch.setattr(thread_pool, "number_of_threads", lambda number=number: number)
         yield number

@@ -13,7 +13,7 @@ from clouds import centred, cloud, gravity, maclaurin_disc, scattered
 from discsim import SceneError, Simulation
 from discsim.effects.self_gravity import Effect
 from discsim.exact import maclaurin
-from discsim.numerics import teams
+from discsim.numerics import thread_pool
 from discsim.numerics.grid import Grid
 from discsim.numerics.poisson import Plummer, Poisson, Workers
 
@@ -206,7 +206,7 @@ def test_a_solver_made_for_one_thread_may_have_more(monkeypatch):
     solver = Poisson((100, 90), 0.1, Plummer(0.2), periodic=False, threads=1)
     found = []
     for threads in (1, 5):
-        monkeypatch.setattr(teams, "number_of_threads", lambda threads=threads: threads)
+        monkeypatch.setattr(thread_pool, "number_of_threads", lambda threads=threads: threads)
         found.append(solver.solve(surface_density))
     np.testing.assert_array_equal(*found)
 

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from discsim.numerics import teams
+from discsim.numerics import thread_pool
 from discsim.numerics.sorting import by_ids, counting_sort, counts
 
 
 @pytest.fixture(params=[1, 2, 5])
 def threads(request, monkeypatch):
     """A number of threads to share work among, whether or not there are as many cores."""
-    monkeypatch.setattr(teams, "number_of_threads", lambda: request.param)
+    monkeypatch.setattr(thread_pool, "number_of_threads", lambda: request.param)
 
 
 @pytest.mark.parametrize("most", [40, 5000])

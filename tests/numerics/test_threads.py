@@ -11,8 +11,8 @@ from loops import meet_in_a_loop
 from runs import WAVE, scene_of
 
 from discsim import Simulation
-from discsim.numerics import teams
-from discsim.numerics.threads import fill, pieces, share, share_all, share_in_turn, use_threads
+from discsim.numerics import thread_pool
+from discsim.numerics.threads import chunks, fill, parallel_for, parallel_for_fused, parallel_for_ranges, set_threads
 
 
 def test_a_fork_after_a_shared_loop_has_threads_of_its_own(four_cores):
@@ -32,7 +32,9 @@ def test_threads_of_a_simulation_are_its_own(tmp_path, four_cores):
     for name in ("accelerate", "drift", "sort", "event", "limit"):
         real = getattr(two.effects["gas"], name)
         setattr(
-            two.effects["gas"], name, lambda *given, real=real: found.add(teams.number_of_threads()) or real(*given)
+            two.effects["gas"],
+            name,
+            lambda *given, real=real: found.add(thread_pool.number_of_threads()) or real(*given),
         )
 
     def look():
@@ -59,7 +61,7 @@ def cover(first, last, seen):
 @pytest.mark.parametrize("threads", [1, 2, 3, 8])
 def test_pieces_cover_a_range_once_and_none_is_too_small(threads, least):
     for count in [*range(200), 511, 512, 513, 4096]:
-        runs = pieces(count, least, threads)
+        runs = chunks(count, least, threads)
         spans = [span for run in runs for span in run]
         assert spans[0][0] == 0 and spans[-1][1] == count
         assert [a for a, _ in spans[1:]] == [b for _, b in spans[:-1]]
@@ -76,7 +78,7 @@ def test_pieces_cover_a_range_once_and_none_is_too_small(threads, least):
 
 def test_what_pieces_return_comes_in_their_order_and_goes_to_the_same_pieces(four_cores):
     seen = np.zeros(5000, int)
-    found = share(cover, len(seen), seen, least=10)
+    found = parallel_for(cover, len(seen), seen, least=10)
     assert len(found) > 4 and (seen == 1).all()
     assert [a for a, _ in found[1:]] == [b for _, b in found[:-1]]
 
@@ -84,16 +86,16 @@ def test_what_pieces_return_comes_in_their_order_and_goes_to_the_same_pieces(fou
         assert own == (first, last)
         return own
 
-    assert share(again, len(seen), least=10, each=found) == found
+    assert parallel_for(again, len(seen), least=10, each=found) == found
 
 
 @pytest.mark.parametrize("counts", [(), (0,), (0, 0), (3, 4), (3000,), (700, 0, 1900, 1), (0, 5000)])
 def test_several_ranges_are_one_loop(counts, four_cores, monkeypatch):
     """Each is covered once, and tells what its own pieces returned, in their order; no more loops than one."""
-    loops, run = [], teams.share
-    monkeypatch.setattr(teams, "share", lambda loop, helpers: loops.append(loop) or run(loop, helpers))
+    loops, run = [], thread_pool.run_loop
+    monkeypatch.setattr(thread_pool, "run_loop", lambda loop, helpers: loops.append(loop) or run(loop, helpers))
     all_seen = [np.zeros(count, int) for count in counts]
-    found = share_all(cover, [(len(seen), seen) for seen in all_seen], least=10)
+    found = parallel_for_ranges(cover, [(len(seen), seen) for seen in all_seen], least=10)
     assert len(found) == len(counts) and len(loops) == (sum(counts) > 100)  # few rows wake nobody
     for seen, returned in zip(all_seen, found, strict=True):
         assert (seen == 1).all() and returned[0][0] == 0 and returned[-1][1] == len(seen)
@@ -103,14 +105,14 @@ def test_several_ranges_are_one_loop(counts, four_cores, monkeypatch):
 @pytest.mark.parametrize("count", [0, 7, 3000])
 def test_pieces_go_through_several_kernels_in_turn(count, four_cores, monkeypatch):
     """As one loop; each kernel finds what those before it made of the piece, and has arguments of its own."""
-    loops, run = [], teams.share
-    monkeypatch.setattr(teams, "share", lambda loop, helpers: loops.append(loop) or run(loop, helpers))
+    loops, run = [], thread_pool.run_loop
+    monkeypatch.setattr(thread_pool, "run_loop", lambda loop, helpers: loops.append(loop) or run(loop, helpers))
     seen, twice = np.zeros(count), np.zeros(count)
 
     def double(first, last, source, out):
         out[first:last] = 2 * source[first:last]
 
-    share_in_turn([(cover, seen), (double, seen, twice)], count, least=10)
+    parallel_for_fused([(cover, seen), (double, seen, twice)], count, least=10)
     assert (seen == 1).all() and (twice == 2).all() and len(loops) == (count > 100)
 
 
@@ -125,7 +127,7 @@ def test_a_thread_begins_with_its_own_part_of_a_range(four_cores):
     # Who is late finds its own part taken, so each waits in its first piece until all have begun; and helpers wait
     # there until the caller has taken a piece of theirs, or it would find none.
     caller, took = threading.get_ident(), []
-    runs = pieces(64, 1, 4)
+    runs = chunks(64, 1, 4)
     firsts = [run[0][0] for run in runs]
 
     def note(first, last):
@@ -142,22 +144,22 @@ def test_a_thread_begins_with_its_own_part_of_a_range(four_cores):
     for _ in range(3):
         took.clear()
         begun, helped = threading.Barrier(4), threading.Event()
-        share(note, 64, least=1)
+        parallel_for(note, 64, least=1)
         began = dict(reversed(took))
         assert began[caller] == 0 and sorted(began.values()) == firsts == [0, 16, 32, 48]
         assert len(took) == sum(map(len, runs))
 
 
 def test_loops_of_few_pieces_take_helpers_that_are_there(four_cores):
-    share(lambda first, last: None, 64, least=1)
+    parallel_for(lambda first, last: None, 64, least=1)
     before = threading.active_count()
     for count in (2, 3, 64):
-        share(lambda first, last: None, count, least=1)
+        parallel_for(lambda first, last: None, count, least=1)
     assert threading.active_count() == before
 
 
 def test_a_loop_too_small_to_be_shared_is_the_callers(four_cores):
-    assert share(lambda first, last: threading.get_ident(), 7, least=4) == [threading.get_ident()]
+    assert parallel_for(lambda first, last: threading.get_ident(), 7, least=4) == [threading.get_ident()]
 
 
 def test_a_loop_within_a_piece_has_helpers_of_its_own(four_cores):
@@ -166,14 +168,14 @@ def test_a_loop_within_a_piece_has_helpers_of_its_own(four_cores):
         return last - first
 
     def outer(first, last):
-        return [sum(share(inner, 16, least=1)) for _ in range(first, last)]
+        return [sum(parallel_for(inner, 16, least=1)) for _ in range(first, last)]
 
-    assert [number for piece in share(outer, 8, least=1) for number in piece] == [16] * 8
+    assert [number for piece in parallel_for(outer, 8, least=1) for number in piece] == [16] * 8
 
 
 @pytest.mark.parametrize("threads", [1, 4])
 def test_the_first_fault_of_a_loop_reaches_its_caller(four_cores, threads):
-    use_threads(threads)
+    set_threads(threads)
 
     def fail(first, last):
         time.sleep(0.02 if first == 0 else 0.0)  # the first to fail is not the first in the range
@@ -181,9 +183,9 @@ def test_the_first_fault_of_a_loop_reaches_its_caller(four_cores, threads):
 
     for _ in range(5):
         with pytest.raises(ValueError, match=r"at 0$"):
-            share(fail, 1000, least=10)
+            parallel_for(fail, 1000, least=10)
     seen = np.zeros(1000, int)
-    share(cover, len(seen), seen, least=10)
+    parallel_for(cover, len(seen), seen, least=10)
     assert (seen == 1).all()
 
 
@@ -213,10 +215,10 @@ def test_ctrl_c_reaches_who_shares_a_loop_and_the_next_one_runs(four_cores, late
         time.sleep(0.1 if late else 0.0)
 
     with pytest.raises(KeyboardInterrupt):
-        share(act, 8, least=1)
+        parallel_for(act, 8, least=1)
         time.sleep(1.0)
     seen = np.zeros(1000, int)
-    share(cover, len(seen), seen, least=10)
+    parallel_for(cover, len(seen), seen, least=10)
     assert (seen == 1).all()
 
 
@@ -226,7 +228,7 @@ def test_many_callers_at_once(four_cores):
     def use():
         for _ in range(50):
             seen = np.zeros(1000, int)
-            share(cover, len(seen), seen, least=10)
+            parallel_for(cover, len(seen), seen, least=10)
             if not (seen == 1).all():
                 wrong.append(seen)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from discsim.kernels.common.totals import add_columns
-from discsim.numerics import teams, world
+from discsim.numerics import thread_pool, world
 from discsim.numerics.totals import FEW, rounded, total, totals
 
 
@@ -20,7 +20,7 @@ def wide(number, seed=3):
 @pytest.mark.parametrize("threads", [1, 3])
 @pytest.mark.parametrize("number", [0, 1, 2, 700, 20_000])
 def test_total_is_the_exact_sum(monkeypatch, threads, number):
-    monkeypatch.setattr(teams, "number_of_threads", lambda: threads)
+    monkeypatch.setattr(thread_pool, "number_of_threads", lambda: threads)
     values = wide(number)
     assert total(values) == math.fsum(values)
     both = np.stack([values, 3.0 * values], axis=1)

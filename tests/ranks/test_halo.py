@@ -29,7 +29,7 @@ from discsim.kernels.mpi.halo import (
     number_runs,
 )
 from discsim.kernels.mpi.tiles import leave_own, others_about
-from discsim.numerics import room
+from discsim.numerics import alloc
 from discsim.numerics.batches import bounds_of
 from discsim.numerics.grid import BORDER, Grid
 from discsim.numerics.neighbours import sort_into_cells
@@ -143,7 +143,7 @@ def test_leaves_of_ghosts_come_behind_own_ones(spare):
 
     def find(places):
         asked.append(len(places))
-        out = room.empty(len(places), np.empty(0, np.uint32), spare)
+        out = alloc.allocate(len(places), np.empty(0, np.uint32), spare)
         out[:] = places[:, 0]
         return out
 

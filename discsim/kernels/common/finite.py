@@ -1,4 +1,4 @@
-"""Test for entries that are not finite. For `discsim.numerics.threads.share_all`."""
+"""Test for entries that are not finite. For `discsim.numerics.threads.parallel_for_ranges`."""
 
 import numpy as np
 

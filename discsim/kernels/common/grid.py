@@ -2,7 +2,7 @@
 
 The order of every sum is independent of the number of threads. `origin` is the lower corner of the grid, `inverse` one
 over the side of a cell; node i is at origin + (i + 1/2) cell. Kernels from `begin` to `end` are for
-`discsim.numerics.threads.share`.
+`discsim.numerics.threads.parallel_for`.
 
 A field may cover part of a grid: `part` is (nx, ny, x, y), the shape of the whole grid and the first node of the field.
 The field has all nodes about the particles. An axis of the field with all nodes of the grid wraps in periodic space.
@@ -12,7 +12,7 @@ import numpy as np
 
 from discsim.jit.decorators import INLINE, inline_jit, jit, jit_subroutine, kept
 from discsim.jit.index import index
-from discsim.kernels.common.rows import LINE, fetch, lane, load
+from discsim.kernels.common.simd import LINE, extract, load, prefetch
 from discsim.kernels.common.zcurve import place_of
 from discsim.kernels.mpi.batches import BATCH as ROWS
 
@@ -261,8 +261,8 @@ def _both_between(flat, low, along_x, wx, wy):
     # Both components at once, where the next node along y is the next one in memory.
     left = load(flat, low)
     both = left + wx * (load(flat, low + along_x) - left)
-    x, y = lane(both, 0), lane(both, 1)
-    return x + wy * (lane(both, 2) - x), y + wy * (lane(both, 3) - y)
+    x, y = extract(both, 0), extract(both, 1)
+    return x + wy * (extract(both, 2) - x), y + wy * (extract(both, 3) - y)
 
 
 @inline_jit
@@ -305,8 +305,8 @@ def pull(chunk_from, chunk_to, field, pos, origin, inverse, periodic, part, acc,
                 xs[j], ys[j] = x - np.int32(x), y - np.int32(y)
             # Prefetch the next batch: hardware prefetchers miss it, as the arrays are read in short bursts.
             for ahead in range(dim * (p + index(BATCH)), dim * (p + index(2 * BATCH)), LINE):
-                fetch(pos, ahead)
-                fetch(pulls, ahead)
+                prefetch(pos, ahead)
+                prefetch(pulls, ahead)
             for j in range(number):
                 ix, iy = int(ixs[j]), int(iys[j])
                 if ix < 0:

@@ -1,6 +1,6 @@
 """Kick and drift (y += dt x), wrap into a periodic box, copies, reordering and rates of change of arrays.
 
-For `discsim.numerics.threads.share`.
+For `discsim.numerics.threads.parallel_for`.
 """
 
 from discsim.jit.decorators import jit

@@ -1,4 +1,4 @@
-"""Counting sort in parts, as a loop of `discsim.numerics.threads.share`.
+"""Counting sort in parts, as a loop of `discsim.numerics.threads.parallel_for`.
 
 Part p of `parts` has the keys from n p / parts on.
 """

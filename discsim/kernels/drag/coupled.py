@@ -23,7 +23,7 @@ and the change of the gas conserves momentum.
 import numpy as np
 
 from discsim.jit.decorators import inline_jit, jit_no_alloc
-from discsim.kernels.common.rows import LANES, empty_row, lane, load, store
+from discsim.kernels.common.simd import LANES, extract, load, store, zeros
 
 POLES = (
     -6.416177699099435 + 1.1941223933701386j, -5.948152268951177 + 3.587457362018322j,
@@ -83,7 +83,7 @@ def take_present(mass, time, y, b, dt, room):
 def add_pole(k, table, count, room):
     """Add the term of pole k in (1), by eq. (2)."""
     place, turn = table[k, 0], table[k, 1]
-    own, other, re, im = 1.0, 0.0, empty_row(), empty_row()
+    own, other, re, im = 1.0, 0.0, zeros(), zeros()
     for j in range(count):
         d = room[j, Z] - place
         inverse = 1.0 / (d * d + turn * turn)
@@ -123,12 +123,12 @@ def relax_coupled(mass, time, y, b, dt, exponential, room, slip, drive):
             change = load(room, begin + OWN) * load(room, begin + SLIP) - load(room, begin + COMMON)
             change = room[at, Z] * change
             at += 1
-            slip[s, 0] += lane(change, 0)
-            slip[0, 0] -= e * lane(change, 0)
-            drive[s, 0] += lane(change, 2)
-            drive[0, 0] -= e * lane(change, 2)
+            slip[s, 0] += extract(change, 0)
+            slip[0, 0] -= e * extract(change, 0)
+            drive[s, 0] += extract(change, 2)
+            drive[0, 0] -= e * extract(change, 2)
             if y.shape[1] == 2:
-                slip[s, 1] += lane(change, 1)
-                slip[0, 1] -= e * lane(change, 1)
-                drive[s, 1] += lane(change, 3)
-                drive[0, 1] -= e * lane(change, 3)
+                slip[s, 1] += extract(change, 1)
+                slip[0, 1] -= e * extract(change, 1)
+                drive[s, 1] += extract(change, 3)
+                drive[0, 1] -= e * extract(change, 3)

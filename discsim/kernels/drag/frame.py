@@ -7,7 +7,7 @@ import numpy as np
 
 from discsim.jit.decorators import jit, jit_subroutine
 from discsim.jit.index import index
-from discsim.kernels.common.rows import root
+from discsim.kernels.common.simd import sqrt
 
 
 class Frame(NamedTuple):
@@ -37,9 +37,9 @@ def multiples_of(ids, every):
 
 @jit
 def kepler(r2, star, softening):
-    """Return Omega about a softened star at squared radius r2, a number or a row of `kernels/common/rows.py`."""
+    """Return Omega about a softened star at squared radius r2, a number or a row of `kernels/common/simd.py`."""
     d2 = r2 + softening * softening
-    return root(star / (d2 * root(d2)))
+    return sqrt(star / (d2 * sqrt(d2)))
 
 
 @jit_subroutine

@@ -1,4 +1,4 @@
-"""Bounding boxes of batches of rows. For `discsim.numerics.threads.share`.
+"""Bounding boxes of batches of rows. For `discsim.numerics.threads.parallel_for`.
 
 Rows of arrays are sorted by position, so the particles of a batch are near each other. A test of its bounding box
 spares most batches a test of each row.

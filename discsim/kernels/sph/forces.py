@@ -34,7 +34,7 @@ from discsim.jit.decorators import jit, jit_sums, jit_sums_single
 from discsim.jit.index import index
 from discsim.kernels.common.candidates import per_slab, place, window
 from discsim.kernels.common.neighbours import LANES, whole
-from discsim.kernels.common.rows import fetch
+from discsim.kernels.common.simd import prefetch
 from discsim.kernels.sph.packs import (
     CHUNK,
     ENERGY,
@@ -162,7 +162,7 @@ def fetch_columns(begin, slots, columns):
     """
     if len(begin) > 1:
         for k in range(index(begin[0]), index(begin[1])):
-            fetch(columns, slots[k] * index(columns.shape[1]))
+            prefetch(columns, slots[k] * index(columns.shape[1]))
 
 
 @njit(inline="always")

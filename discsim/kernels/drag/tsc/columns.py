@@ -11,7 +11,7 @@ import math
 from discsim.formulas.laws import EPSTEIN
 from discsim.jit.decorators import inline_jit, jit_no_alloc
 from discsim.jit.index import index
-from discsim.kernels.common.rows import LANES, LINE, empty_row, fetch, load, store
+from discsim.kernels.common.simd import LANES, LINE, load, prefetch, store, zeros
 from discsim.kernels.drag.frame import kepler, sense_at
 from discsim.kernels.drag.tsc.nodes import BX, BY, FIELDS, MASS, ONE, RHO, VX, VY, X, Y
 from discsim.kernels.drag.tsc.weights import cloud
@@ -83,8 +83,8 @@ def fetch_next(first, count, kind):
     start, end, dim = index(first), index(min(first + count, len(kind.order))), index(kind.vel.shape[1])
     for k in range(start, end):
         i = dim * kind.order[k]
-        fetch(kind.pos, i)
-        fetch(kind.vel, i)
+        prefetch(kind.pos, i)
+        prefetch(kind.vel, i)
 
 
 @inline_jit
@@ -109,7 +109,7 @@ def fetch_columns(n, sources, begin, column):
     """
     length = (FIELDS if sources else BX) * n
     for at in range(index(begin + length), index(begin + 2 * length), LINE):
-        fetch(column, at)
+        prefetch(column, at)
 
 
 @inline_jit
@@ -132,7 +132,7 @@ def to_cell(block, n, cells, flat, begin, column):
 @inline_jit
 def leave_orbits(block, n, cells, frame, begin, column, room):
     """Convert velocities to those relative to Kepler's in the `frame`."""
-    side, several, sense = cells.side[block], len(frame.sense) > 1, empty_row() + frame.sense[0]
+    side, several, sense = cells.side[block], len(frame.sense) > 1, zeros() + frame.sense[0]
     x0, y0 = cells.corner[block, 0] + 0.5 * side, cells.corner[block, 1] + 0.5 * side
     if several:
         for at in range(n):
@@ -174,7 +174,7 @@ def weigh(n, flat, begin, column, room):
     for into in range(0, n, LANES):
         m = load(column, begin + MASS * n + into)
         u0, u1, u2 = cloud(load(column, begin + X * n + into))
-        t0, t1, t2 = empty_row(), m, empty_row()
+        t0, t1, t2 = zeros(), m, zeros()
         if not flat:
             t0, t1, t2 = cloud(load(column, begin + Y * n + into))
             t0, t1, t2 = m * t0, m * t1, m * t2

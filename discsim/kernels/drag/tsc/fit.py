@@ -1,7 +1,7 @@
 """Slopes at a node (`kernels/drag/tsc/nodes.py`), of velocities pooled within species and of each species' sources."""
 
 from discsim.jit.decorators import inline_jit, jit_no_alloc
-from discsim.kernels.common.rows import LANES, empty_row, lane, load
+from discsim.kernels.common.simd import LANES, extract, load, zeros
 from discsim.kernels.drag.lines import solve
 from discsim.kernels.drag.tsc.grains import moments_within
 from discsim.kernels.drag.tsc.nodes import BX, FIELDS, LEAST_INERTIA, ONE, VX, XX, XY, YX, YY, X, Y
@@ -16,8 +16,8 @@ def moments_about(n, s, near, slot, own):
     These are mass, second moments of position (xx, xy, yy), and two vectors: the moments of x and of y with velocity
     and source.
     """
-    mass, by_x, by_y, ii, ij, jj = empty_row(), empty_row(), empty_row(), 0.0, 0.0, 0.0
-    shift_x, shift_y, motion, along, across = empty_row(), empty_row(), empty_row(), empty_row(), empty_row()
+    mass, by_x, by_y, ii, ij, jj = zeros(), zeros(), zeros(), 0.0, 0.0, 0.0
+    shift_x, shift_y, motion, along, across = zeros(), zeros(), zeros(), zeros(), zeros()
     for k in range(9):
         block = near[n, k]
         cell = slot[block, s] if block >= 0 else -1
@@ -35,16 +35,16 @@ def moments_about(n, s, near, slot, own):
         motion += moves
         along += w * load(own, at + FIELDS + LANES) + i * moves
         across += w * load(own, at + 2 * FIELDS + LANES) + j * moves
-        ii += i * i * lane(row, ONE)
-        ij += i * j * lane(row, ONE)
-        jj += j * j * lane(row, ONE)
-    m = lane(mass, ONE)
+        ii += i * i * extract(row, ONE)
+        ij += i * j * extract(row, ONE)
+        jj += j * j * extract(row, ONE)
+    m = extract(mass, ONE)
     if m <= 0.0:
-        return 0.0, 0.0, 0.0, 0.0, empty_row(), empty_row()
-    x, y = (lane(mass, X) + lane(shift_x, ONE)) / m, (lane(mass, Y) + lane(shift_y, ONE)) / m
-    xx = lane(by_x, X) + 2.0 * lane(shift_x, X) + ii - m * x * x
-    xy = lane(by_x, Y) + lane(shift_x, Y) + lane(shift_y, X) + ij - m * x * y
-    yy = lane(by_y, Y) + 2.0 * lane(shift_y, Y) + jj - m * y * y
+        return 0.0, 0.0, 0.0, 0.0, zeros(), zeros()
+    x, y = (extract(mass, X) + extract(shift_x, ONE)) / m, (extract(mass, Y) + extract(shift_y, ONE)) / m
+    xx = extract(by_x, X) + 2.0 * extract(shift_x, X) + ii - m * x * x
+    xy = extract(by_x, Y) + extract(shift_x, Y) + extract(shift_y, X) + ij - m * x * y
+    yy = extract(by_y, Y) + 2.0 * extract(shift_y, Y) + jj - m * y * y
     return m, xx, xy, yy, along - x * motion, across - y * motion
 
 
@@ -53,12 +53,14 @@ def slope_of(mass, xx, xy, yy, along, across, f, dim):
     """Return whether lanes f and f + 1 have a slope, and this slope, 0 where there is none."""
     if xx + yy <= ROUNDING * mass:
         return False, 0.0, 0.0, 0.0, 0.0
-    return solve(xx, xy, yy, lane(along, f), lane(along, f + 1), lane(across, f), lane(across, f + 1), dim, 1.0)
+    return solve(
+        xx, xy, yy, extract(along, f), extract(along, f + 1), extract(across, f), extract(across, f + 1), dim, 1.0
+    )
 
 
 @inline_jit
 def fit_node(n, cells, nodes, dim, two_way, sourced, slopes):
-    mass, xx, xy, yy, along, across = 0.0, 0.0, 0.0, 0.0, empty_row(), empty_row()
+    mass, xx, xy, yy, along, across = 0.0, 0.0, 0.0, 0.0, zeros(), zeros()
     grains = len(cells.total) > 0  # grains taken one by one have no sources
     for s in range(1 if grains else nodes.sums.shape[1]):
         if not (s == 0 or two_way or sourced[s]):

@@ -3,7 +3,7 @@
 import numpy as np
 
 from discsim.jit.decorators import inline_jit, jit, jit_no_alloc
-from discsim.kernels.common.rows import LANES, empty_row, lane, load, store, sums_of
+from discsim.kernels.common.simd import LANES, extract, horizontal_sums, load, store, zeros
 from discsim.kernels.drag.tsc.columns import (
     NORMS,
     ROOM,
@@ -26,12 +26,12 @@ def sum_columns(half, more, n, k, begin, column, room, given, at):
     `half` is ONE for mass, position and density, VX for velocity and source. `more`: whether there is a density or
     source.
     """
-    a, b, c, d = empty_row(), empty_row(), empty_row(), empty_row()
-    e, f, g, h = empty_row(), empty_row(), empty_row(), empty_row()
-    i, j, l, m = empty_row(), empty_row(), empty_row(), empty_row()
+    a, b, c, d = zeros(), zeros(), zeros(), zeros()
+    e, f, g, h = zeros(), zeros(), zeros(), zeros()
+    i, j, l, m = zeros(), zeros(), zeros(), zeros()
     for p in range(0, n, LANES):
         u, v, w = load(room, k * n + p), load(room, (k + 1) * n + p), load(room, (k + 2) * n + p)
-        one = empty_row() + 1.0  # the weights include the mass
+        one = zeros() + 1.0  # the weights include the mass
         if half != ONE:
             one = load(column, begin + half * n + p)
         a += u * one
@@ -51,9 +51,9 @@ def sum_columns(half, more, n, k, begin, column, room, given, at):
             d += u * one
             h += v * one
             m += w * one
-    store(given, at + half + k * FIELDS, sums_of(a, b, c, d))
-    store(given, at + half + (k + 1) * FIELDS, sums_of(e, f, g, h))
-    store(given, at + half + (k + 2) * FIELDS, sums_of(i, j, l, m))
+    store(given, at + half + k * FIELDS, horizontal_sums(a, b, c, d))
+    store(given, at + half + (k + 1) * FIELDS, horizontal_sums(e, f, g, h))
+    store(given, at + half + (k + 2) * FIELDS, horizontal_sums(i, j, l, m))
 
 
 @inline_jit
@@ -113,8 +113,8 @@ def gather_species(block, part, kind, cells, nodes, frame, law, begin, column, r
 @inline_jit
 def square_of(block, n, begin, column, room, square):
     """Write the contributions of the gas of a cell to sum m w x^2 at its nine nodes."""
-    a, b, c, d, e, f = empty_row(), empty_row(), empty_row(), empty_row(), empty_row(), empty_row()
-    g, h, i = empty_row(), empty_row(), empty_row()
+    a, b, c, d, e, f = zeros(), zeros(), zeros(), zeros(), zeros(), zeros()
+    g, h, i = zeros(), zeros(), zeros()
     for at in range(0, n, LANES):
         x, y = load(column, begin + X * n + at), load(column, begin + Y * n + at)
         r2 = x * x + y * y
@@ -127,9 +127,9 @@ def square_of(block, n, begin, column, room, square):
         g += load(room, at + 6 * n) * r2
         h += load(room, at + 7 * n) * r2
         i += load(room, at + 8 * n) * r2
-    store(square, block * 9, sums_of(a, b, c, d))
-    store(square, block * 9 + LANES, sums_of(e, f, g, h))
-    square[block, 8] = lane(sums_of(i, i, i, i), 0)
+    store(square, block * 9, horizontal_sums(a, b, c, d))
+    store(square, block * 9 + LANES, horizontal_sums(e, f, g, h))
+    square[block, 8] = extract(horizontal_sums(i, i, i, i), 0)
 
 
 @jit
@@ -149,7 +149,7 @@ def gather(block_from, block_to, kind, cells, nodes, frame, law, begin, column, 
 @inline_jit
 def collect_species(n, s, near, slot, given, sums):
     """Write the sums of eq. (1) for a species at a node, positions from the node."""
-    places, motion, x, y = empty_row(), empty_row(), 0.0, 0.0
+    places, motion, x, y = zeros(), zeros(), 0.0, 0.0
     for k in range(9):
         block, j = near[n, k], 8 - k
         cell = slot[block, s] if block >= 0 else -1
@@ -159,8 +159,8 @@ def collect_species(n, s, near, slot, given, sums):
             places += one
             motion += load(given, at + LANES)
             # The node lies at (-i, -j) from the cell's centre.
-            x += (k // 3 - 1) * lane(one, ONE)
-            y += (k % 3 - 1) * lane(one, ONE)
+            x += (k // 3 - 1) * extract(one, ONE)
+            y += (k % 3 - 1) * extract(one, ONE)
     store(sums, (n * sums.shape[1] + s) * FIELDS, places)
     store(sums, (n * sums.shape[1] + s) * FIELDS + LANES, motion)
     sums[n, s, X] += x

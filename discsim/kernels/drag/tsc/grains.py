@@ -12,7 +12,7 @@ import numpy as np
 
 from discsim.jit.decorators import inline_jit, jit, jit_no_alloc
 from discsim.jit.index import index
-from discsim.kernels.common.rows import LANES, empty_row, lane, load, store
+from discsim.kernels.common.simd import LANES, extract, load, store, zeros
 from discsim.kernels.drag.tsc.columns import NORMS, ROOM, filled, is_ragged, leave_out, take, weigh
 from discsim.kernels.drag.tsc.nodes import BX, BY_Y, FIELDS, MASS, ONE, RHO, X, Y
 
@@ -29,7 +29,7 @@ def most_of_all(block_from, block_to, kind):
 @inline_jit
 def first_moments(cell, first, last, kind, row, own):
     """Write the mass and first moments of a class in a cell."""
-    places, motion = empty_row(), empty_row()
+    places, motion = zeros(), zeros()
     for k in range(first, last):
         m = kind.mass[kind.order[k]]
         places += m * load(row, k * FIELDS)
@@ -42,7 +42,7 @@ def first_moments(cell, first, last, kind, row, own):
 def moments_of_all(block, first, last, kind, row, total):
     """Write the mass, first and second moments of all the dust of a cell."""
     for half in (0, LANES):
-        whole, by_x, by_y = empty_row(), empty_row(), empty_row()
+        whole, by_x, by_y = zeros(), zeros(), zeros()
         for k in range(first, last):
             one, m = load(row, k * FIELDS + half), kind.mass[kind.order[k]]
             whole += m * one
@@ -116,7 +116,7 @@ def take_grains(n, k, block, kind, row, share, sums):
         first, last = last, index(kind.start[block * number + part + 1])
         if first == last:
             continue
-        places, motion = empty_row(), empty_row()
+        places, motion = zeros(), zeros()
         for g in range(first, last):
             x, y = row[g, X], row[g, Y]
             w = share[g] * (a0 + x * (a1 + x * a2)) * (b0 + y * (b1 + y * b2))
@@ -126,8 +126,8 @@ def take_grains(n, k, block, kind, row, share, sums):
         at = (n * sums.shape[1] + s) * FIELDS
         store(sums, at, load(sums, at) + places)
         store(sums, at + LANES, load(sums, at + LANES) + motion)
-        sums[n, s, X] -= i * lane(places, ONE)
-        sums[n, s, Y] -= j * lane(places, ONE)
+        sums[n, s, X] -= i * extract(places, ONE)
+        sums[n, s, Y] -= j * extract(places, ONE)
 
 
 @jit_no_alloc
@@ -153,7 +153,7 @@ def weight_of(k):
 @inline_jit
 def take_off(n, s, near, slot, own, xx, xy, yy, along, across):
     """Return second moments about a node, less a class's term of eq. (6)."""
-    places, motion, i, j = empty_row(), empty_row(), 0.0, 0.0
+    places, motion, i, j = zeros(), zeros(), 0.0, 0.0
     for k in range(9):
         block = near[n, k]
         cell = slot[block, s] if block >= 0 else -1
@@ -162,12 +162,12 @@ def take_off(n, s, near, slot, own, xx, xy, yy, along, across):
             row = w * load(own, cell * 3 * FIELDS)
             places += row
             motion += w * load(own, cell * 3 * FIELDS + LANES)
-            i += (k // 3 - 1) * lane(row, ONE)
-            j += (k % 3 - 1) * lane(row, ONE)
-    m = lane(places, ONE)
+            i += (k // 3 - 1) * extract(row, ONE)
+            j += (k % 3 - 1) * extract(row, ONE)
+    m = extract(places, ONE)
     if m <= 0.0:
         return xx, xy, yy, along, across
-    mx, my = lane(places, X) + i, lane(places, Y) + j
+    mx, my = extract(places, X) + i, extract(places, Y) + j
     x, y = mx / m, my / m
     return xx - mx * x, xy - mx * y, yy - my * y, along - x * motion, across - y * motion
 
@@ -178,7 +178,7 @@ def moments_within(n, near, slot, own, total):
 
     These are mass, second moments of position (xx, xy, yy), and two vectors: the moments of x and of y with velocity.
     """
-    mass, xx, xy, yy, along, across = 0.0, 0.0, 0.0, 0.0, empty_row(), empty_row()
+    mass, xx, xy, yy, along, across = 0.0, 0.0, 0.0, 0.0, zeros(), zeros()
     for k in range(9):
         block = near[n, k]
         if block < 0:
@@ -186,10 +186,10 @@ def moments_within(n, near, slot, own, total):
         # Relative to the node, which lies at (-i, -j) from the cell's centre.
         i, j, w, at = k // 3 - 1.0, k % 3 - 1.0, weight_of(k), block * 3 * FIELDS
         row, moves, by_x = w * load(total, at), w * load(total, at + LANES), w * load(total, at + FIELDS)
-        m, x, y = lane(row, ONE), lane(row, X), lane(row, Y)
+        m, x, y = extract(row, ONE), extract(row, X), extract(row, Y)
         mass += m
-        xx += lane(by_x, X) + 2.0 * i * x + i * i * m
-        xy += lane(by_x, Y) + i * y + j * x + i * j * m
+        xx += extract(by_x, X) + 2.0 * i * x + i * i * m
+        xy += extract(by_x, Y) + i * y + j * x + i * j * m
         yy += w * total[block, BY_Y, Y] + 2.0 * j * y + j * j * m
         along += w * load(total, at + FIELDS + LANES) + i * moves
         across += w * load(total, at + 2 * FIELDS + LANES) + j * moves

@@ -3,7 +3,7 @@
 import numpy as np
 
 from discsim.jit.decorators import inline_jit, jit, jit_no_alloc
-from discsim.kernels.common.rows import LANES, empty_row, lane, load, store
+from discsim.kernels.common.simd import LANES, extract, load, store, zeros
 from discsim.kernels.drag.tsc.columns import filled
 from discsim.kernels.drag.tsc.nodes import BX, BY, DX, MASS, ONE, VX, VY, X, Y
 from discsim.kernels.drag.tsc.weights import brought, to_polynomial, value_at
@@ -29,7 +29,7 @@ def heat_of(n, nodes, value, dt):
 def work_of_turn(n, spin, nodes, dt, turn):
     """Write the rotation at a node and the motion on which it does no work, positions from the node."""
     for k in range(2):
-        store(turn, (2 * n + k) * LANES, empty_row())
+        store(turn, (2 * n + k) * LANES, zeros())
     if spin == 0.0:
         return
     m, gas = nodes.sums[n, 0, ONE], nodes.sums
@@ -48,7 +48,7 @@ def turns_about(home, about, turn, table):
     for k in range(9):
         n, i, j = about[home, k], k // 3 - 1.0, k % 3 - 1.0
         for r in range(2):
-            row = empty_row()
+            row = zeros()
             if n >= 0:
                 row = load(turn, (2 * n + r) * LANES)
             store(table, (9 * r + k) * LANES, row)
@@ -73,11 +73,11 @@ def loss(first, count, n, kind, begin, column, work, turns, u, v, dt, new):
         m, x, y = column[at + MASS * n], column[at + X * n], column[at + Y * n]
         if turns:
             does, idle = value_at(work, 0, x, y), value_at(work, 9 * LANES, x, y)
-            along, across = lane(does, SPIN_Y) - lane(does, 0) * y, lane(does, 0) * x - lane(does, SPIN_X)
+            along, across = extract(does, SPIN_Y) - extract(does, 0) * y, extract(does, 0) * x - extract(does, SPIN_X)
             half_x = 0.5 * dt * column[at + BX * n] if sources else 0.0
             half_y = 0.5 * dt * column[at + BY * n] if sources else 0.0
             done = along * (column[at + VX * n] + half_x) + across * (column[at + VY * n] + half_y)
-            done += y * lane(idle, U) - x * lane(idle, V) - lane(idle, TURN)
+            done += y * extract(idle, U) - x * extract(idle, V) - extract(idle, TURN)
             lost -= m * done
         for c in range(kind.vel.shape[1]):
             more, change, mean = new[c * n + p], new[(2 + c) * n + p], u if c == 0 else v
@@ -108,7 +108,7 @@ def heat_in(block, kind, cells, nodes, node_heats, begin, column, table, heat):
     for k in range(9):
         node = nodes.about[cells.home[block], k]
         there = node >= 0 and nodes.sums[node, 0, ONE] > 0.0
-        store(table, k * LANES, empty_row())
+        store(table, k * LANES, zeros())
         table[k, 0] = node_heats[node] / nodes.sums[node, 0, ONE] if there else 0.0
     to_polynomial(table, 0, kind.pos.shape[1] == 1)
     first, count, at = kind.start[block], kind.start[block + 1] - kind.start[block], begin[block]

@@ -38,7 +38,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from discsim.kernels.common.rows import LANES
+from discsim.kernels.common.simd import LANES
 
 # Fields of a particle that nodes sum, two vectors of LANES: 1, position (2) from the centre of its cell in sides, the
 # density that the drag law takes, velocity (2) and source (2). In the columns of the particles MASS replaces ONE and,

@@ -7,7 +7,7 @@ import numpy as np
 
 from discsim.jit.decorators import inline_jit, jit
 from discsim.jit.index import index
-from discsim.kernels.common.rows import LANES, empty_row, fetch, lane, load, store, sums_of
+from discsim.kernels.common.simd import LANES, extract, horizontal_sums, load, prefetch, store, zeros
 from discsim.kernels.drag.lines import solve
 from discsim.kernels.drag.relax import response
 from discsim.kernels.drag.tsc.columns import fetch_columns, filled, is_ragged, most_in
@@ -21,13 +21,13 @@ def values_about(block, s, cells, nodes, value, turns, table):
     """Write the values of the nodes about a cell for a species, as polynomials."""
     home = cells.home[block]
     for k in range(9):
-        n, row = nodes.about[home, k], empty_row()
+        n, row = nodes.about[home, k], zeros()
         if n >= 0:
             row = load(value, (n * value.shape[1] + s) * LANES)
         store(table, k * LANES, row)
         if turns:  # rotation about the cell's centre instead of the node
-            table[k, DX] += (k % 3 - 1) * lane(row, SPIN)
-            table[k, DY] -= (k // 3 - 1) * lane(row, SPIN)
+            table[k, DX] += (k % 3 - 1) * extract(row, SPIN)
+            table[k, DY] -= (k // 3 - 1) * extract(row, SPIN)
 
 
 @inline_jit
@@ -115,9 +115,9 @@ def own_line(count, n, begin, column, at_value, value, x0, y0, pooled, dim):
     linear fit needs is enough: the deviations of few particles are small, but not wrong. With fewer particles the
     slopes are `pooled` plus a rotation of their own. The deviations therefore never have angular momentum.
     """
-    sx, sy, su, sv = empty_row(), empty_row(), empty_row(), empty_row()
-    xx, xy, yy, m = empty_row(), empty_row(), empty_row(), empty_row()
-    xu, xv, yu, yv = empty_row(), empty_row(), empty_row(), empty_row()
+    sx, sy, su, sv = zeros(), zeros(), zeros(), zeros()
+    xx, xy, yy, m = zeros(), zeros(), zeros(), zeros()
+    xu, xv, yu, yv = zeros(), zeros(), zeros(), zeros()
     u0, v0 = value[at_value], value[at_value + n]
     for p in range(0, n, LANES):
         at = begin + p
@@ -136,7 +136,11 @@ def own_line(count, n, begin, column, at_value, value, x0, y0, pooled, dim):
         xv += mx * v
         yu += my * u
         yv += my * v
-    first, inertia, moment = sums_of(sx, sy, su, sv), sums_of(xx, xy, yy, m), sums_of(xu, xv, yu, yv)
+    first, inertia, moment = (
+        horizontal_sums(sx, sy, su, sv),
+        horizontal_sums(xx, xy, yy, m),
+        horizontal_sums(xu, xv, yu, yv),
+    )
     return line(count, x0, y0, u0, v0, first, inertia, moment, pooled, dim)
 
 
@@ -147,12 +151,12 @@ def line(count, x0, y0, u0, v0, first, inertia, moment, pooled, dim):
     The sums are of m times x, y, u, v; of m times xx, xy, yy, 1; and of m times xu, xv, yu, yv. All are relative to
     x0, y0, u0, v0.
     """
-    m, sx, sy = lane(inertia, 3), lane(first, 0), lane(first, 1)
-    xx, xy, yy = lane(inertia, 0), lane(inertia, 1), lane(inertia, 2)
-    x0, y0, su, sv = x0 + sx / m, y0 + sy / m, lane(first, 2) / m, lane(first, 3) / m
+    m, sx, sy = extract(inertia, 3), extract(first, 0), extract(first, 1)
+    xx, xy, yy = extract(inertia, 0), extract(inertia, 1), extract(inertia, 2)
+    x0, y0, su, sv = x0 + sx / m, y0 + sy / m, extract(first, 2) / m, extract(first, 3) / m
     # The distance of coincident particles from (x0, y0) is rounding, and must not be multiplied by a mean velocity.
-    xu, xv = lane(moment, 0) - sx * su, lane(moment, 1) - sx * sv
-    yu, yv = lane(moment, 2) - sy * su, lane(moment, 3) - sy * sv
+    xu, xv = extract(moment, 0) - sx * su, extract(moment, 1) - sx * sv
+    yu, yv = extract(moment, 2) - sy * su, extract(moment, 3) - sy * sv
     if count > dim + 1:
         found, uu, uv, vu, vv = solve(xx, xy, yy, xu, xv, yu, yv, dim, 1.0)
         if found:
@@ -222,8 +226,8 @@ def fetch_motion(first, count, kind):
     start, dim = index(first), index(kind.vel.shape[1])
     for at in range(index(count)):
         i = dim * kind.order[start + at]
-        fetch(kind.vel, i)
-        fetch(kind.acc, i)
+        prefetch(kind.vel, i)
+        prefetch(kind.acc, i)
 
 
 @inline_jit
@@ -267,8 +271,8 @@ def scatter_species(block, part, kind, cells, nodes, sharp, begin, column, dt, e
         u, v = damp(count, n, begin, column, x0, y0, pooled, len(kind.own) > 0, f, g, dim, new)
     else:
         for p in range(0, n, LANES):
-            store(new, p, empty_row())
-            store(new, p + n, empty_row())
+            store(new, p, zeros())
+            store(new, p + n, zeros())
     if len(sharp.heat) > 0:
         sharp.heat[home] += loss(first, count, n, kind, begin, column, work, turns, u, v, dt, new)
     kick(first, count, n, kind, dt, new)

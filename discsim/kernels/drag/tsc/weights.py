@@ -8,7 +8,7 @@ with T the coefficients of w_-1, w_0 and w_1: (1/8, -1/2, 1/2), (3/4, 0, -1), (1
 """
 
 from discsim.jit.decorators import inline_jit
-from discsim.kernels.common.rows import LANES, empty_row, load, store
+from discsim.kernels.common.simd import LANES, load, store, zeros
 
 
 @inline_jit
@@ -34,7 +34,7 @@ def to_polynomial(table, begin, flat):
     """
     for i in range(3):
         at = begin + 3 * i * LANES
-        a, b, c = load(table, at + LANES), empty_row(), empty_row()
+        a, b, c = load(table, at + LANES), zeros(), zeros()
         if not flat:
             a, b, c = three(load(table, at), a, load(table, at + 2 * LANES))
         store(table, at, a)

@@ -26,7 +26,7 @@ def aligned(shape: tuple[int, ...], dtype: type = np.float64) -> Array:
     return memory[first : first + size].view(dtype).reshape(shape)
 
 
-def empty(count: int, like: Array, spare: int) -> Array:
+def allocate(count: int, like: Array, spare: int) -> Array:
     """Return an uninitialised array (count, ...) like `like` (n, ...), with capacity for `spare` further entries."""
     whole = np.empty((count + spare, *like.shape[1:]), like.dtype)
     if spare > 0:
@@ -34,13 +34,13 @@ def empty(count: int, like: Array, spare: int) -> Array:
     return whole[:count]
 
 
-def like(array: Array, numbers: type | None = None) -> Array:
+def allocate_like(array: Array, numbers: type | None = None) -> Array:
     """Return an uninitialised array of the same shape, type and spare capacity; with `numbers` (n,) of that type."""
     whole, same = array.base, array if numbers is None else np.empty(0, numbers)
-    return empty(len(array), same, len(whole) - len(array) if whole is not None and _has_room(array, whole) else 0)
+    return allocate(len(array), same, len(whole) - len(array) if whole is not None and _has_room(array, whole) else 0)
 
 
-def longer(array: Array, count: int) -> Array | None:
+def grow(array: Array, count: int) -> Array | None:
     """Return a view of the array extended to `count` entries, or None if its capacity is too small."""
     whole = array.base
     if whole is None or not _has_room(array, whole) or len(whole) < count:

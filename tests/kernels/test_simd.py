@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numba import njit
 
-from discsim.kernels.common import rows
-from discsim.kernels.common.rows import LANES, empty_row, lane, load, root, store, sums_of
+from discsim.kernels.common import simd
+from discsim.kernels.common.simd import LANES, extract, horizontal_sums, load, sqrt, store, zeros
 from discsim.kernels.drag.tsc.columns import NORMS, ROOM, filled, find_slots, leave_out, weigh
 from discsim.kernels.drag.tsc.gather import give, own_moments
 from discsim.kernels.drag.tsc.nodes import BX, BY, FIELDS, MASS, RHO
@@ -15,11 +15,11 @@ from discsim.kernels.drag.tsc.weights import cloud, to_polynomial, value_at
 @njit
 def combine(array, number, out):
     one, other = load(array, 1), load(array, 1 + LANES)
-    total = empty_row()
+    total = zeros()
     total += number * (one - other)
     total += other + one
     store(out, 2, total)
-    return lane(total, 0), lane(total, LANES - 1)
+    return extract(total, 0), extract(total, LANES - 1)
 
 
 def test_rows_are_reckoned_lane_by_lane():
@@ -39,7 +39,7 @@ def test_rows_are_arrays_where_nothing_is_compiled():
     combine(array, 0.3, compiled)
     combine.py_func(array, 0.3, plain)
     np.testing.assert_allclose(compiled, plain, rtol=1e-15)
-    assert isinstance(rows.load(array, 0), np.ndarray)
+    assert isinstance(simd.load(array, 0), np.ndarray)
 
 
 @njit
@@ -48,9 +48,9 @@ def reckon(array, number, out):
     store(out, 0, number - one)
     store(out, LANES, one + number)
     store(out, 2 * LANES, one / other)
-    store(out, 3 * LANES, number / root(other))
-    store(out, 4 * LANES, sums_of(one, other, one * number, one * other))
-    return root(number)
+    store(out, 3 * LANES, number / sqrt(other))
+    store(out, 4 * LANES, horizontal_sums(one, other, one * number, one * other))
+    return sqrt(number)
 
 
 def test_rows_meet_numbers():
@@ -79,7 +79,7 @@ def polynomial(values, x, y, flat):
     table = values.copy()
     to_polynomial(table, 0, flat)
     row = value_at(table, 0, x, y)
-    return np.array([lane(row, k) for k in range(LANES)])
+    return np.array([extract(row, k) for k in range(LANES)])
 
 
 @pytest.mark.parametrize("flat", [False, True])

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from discsim.numerics import room
+from discsim.numerics import alloc
 from discsim.numerics.state import Dust
 
 
@@ -18,9 +18,9 @@ def dust(count, spare):
 
 
 def test_what_is_written_behind_leaves_an_array_as_it_is():
-    array = room.empty(3, np.zeros((1, 2)), spare=2)
+    array = alloc.allocate(3, np.zeros((1, 2)), spare=2)
     array[:] = [[1, 2], [3, 4], [5, 6]]
-    both = room.longer(array, 5)
+    both = alloc.grow(array, 5)
     both[3:] = 7
     assert np.shares_memory(array, both) and both.shape == (5, 2)
     assert array.tolist() == [[1, 2], [3, 4], [5, 6]] == both[:3].tolist()
@@ -28,19 +28,19 @@ def test_what_is_written_behind_leaves_an_array_as_it_is():
 
 def test_there_is_room_only_where_it_was_made():
     """Not beyond it, nor behind a part of an array of somebody's, which has others' entries there."""
-    array = room.empty(3, np.zeros(1), spare=2)
-    assert room.longer(array, 6) is None
-    assert room.longer(array[1:], 4) is None
-    assert room.longer(np.zeros(9)[:3], 4) is None and room.longer(np.zeros(3), 3) is None
-    assert room.longer(room.empty(3, np.zeros(1), spare=0), 3) is None
+    array = alloc.allocate(3, np.zeros(1), spare=2)
+    assert alloc.grow(array, 6) is None
+    assert alloc.grow(array[1:], 4) is None
+    assert alloc.grow(np.zeros(9)[:3], 4) is None and alloc.grow(np.zeros(3), 3) is None
+    assert alloc.grow(alloc.allocate(3, np.zeros(1), spare=0), 3) is None
 
 
 def test_a_like_array_has_as_much_room():
-    array = room.empty(3, np.zeros((1, 2)), spare=2)
-    other = room.like(array)
+    array = alloc.allocate(3, np.zeros((1, 2)), spare=2)
+    other = alloc.allocate_like(array)
     assert other.shape == (3, 2) and not np.shares_memory(array, other)
-    assert room.longer(other, 5) is not None and room.longer(other, 6) is None
-    assert room.longer(room.like(np.zeros(3)), 4) is None
+    assert alloc.grow(other, 5) is not None and alloc.grow(other, 6) is None
+    assert alloc.grow(alloc.allocate_like(np.zeros(3)), 4) is None
 
 
 def test_particles_that_come_take_the_room():
@@ -60,7 +60,7 @@ def test_particles_that_come_take_the_room():
 
 def test_aligned_arrays_begin_with_a_cache_line():
     for count in range(1, 40):
-        array = room.aligned((count, 3), np.float32)
-        assert array.ctypes.data % room.LINE == 0 and array.shape == (count, 3) and array.dtype == np.float32
+        array = alloc.aligned((count, 3), np.float32)
+        assert array.ctypes.data % alloc.LINE == 0 and array.shape == (count, 3) and array.dtype == np.float32
         array[:] = count  # all of it is there
         assert array.sum() == 3 * count**2

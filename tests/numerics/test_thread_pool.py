@@ -11,8 +11,8 @@ from contextlib import suppress
 import pytest
 from loops import meet_in_a_loop
 
-from discsim.numerics.teams import beside, cpu_time, number_of_threads
-from discsim.numerics.threads import share, use_threads
+from discsim.numerics.thread_pool import cpu_time, number_of_threads, run_concurrently
+from discsim.numerics.threads import parallel_for, set_threads
 
 
 def burn(seconds):
@@ -28,8 +28,8 @@ def test_jobs_run_at_the_same_time_with_the_threads_and_settings_of_their_caller
         met.wait(30.0)
         found[threading.get_ident()] = number_of_threads()
 
-    use_threads(4)
-    beside(job, job, job, job)
+    set_threads(4)
+    run_concurrently(job, job, job, job)
     assert [*found.values()] == [4] * 4
 
 
@@ -37,16 +37,16 @@ def test_who_has_nothing_to_do_takes_part_in_the_loops_of_others(four_cores):
     """All four of the pool, as one job ends at once; and two jobs at once share theirs."""
     for _ in range(20):
         found = []
-        beside(lambda: None, lambda found=found: found.append(meet_in_a_loop(4)))
-        beside(*[lambda found=found: found.append(meet_in_a_loop(2))] * 2)
+        run_concurrently(lambda: None, lambda found=found: found.append(meet_in_a_loop(4)))
+        run_concurrently(*[lambda found=found: found.append(meet_in_a_loop(2))] * 2)
         assert [len(threads) >= least for threads, least in zip(found, (4, 2, 2), strict=True)] == [True] * 3
 
 
 def run_nine_jobs():
     """All of them, whatever was before, though there are fewer threads."""
-    use_threads(2)
+    set_threads(2)
     found = []
-    beside(*[lambda k=k: found.append(k) for k in range(9)])
+    run_concurrently(*[lambda k=k: found.append(k) for k in range(9)])
     assert sorted(found) == [*range(9)]
 
 
@@ -55,9 +55,9 @@ def test_more_jobs_than_threads_all_run(four_cores):
 
 
 def test_on_one_thread_jobs_run_one_after_another(four_cores):
-    use_threads(1)
+    set_threads(1)
     found = []
-    beside(*[lambda k=k: found.append((k, threading.get_ident())) for k in range(3)])
+    run_concurrently(*[lambda k=k: found.append((k, threading.get_ident())) for k in range(3)])
     assert found == [(k, threading.get_ident()) for k in range(3)]
 
 
@@ -73,9 +73,9 @@ def test_the_first_fault_is_raised_once_all_jobs_have_ended(four_cores):
         raise ValueError(text)
 
     with pytest.raises(ValueError, match="one"):
-        beside(lambda: fail("one"), late, lambda: fail("three"))
+        run_concurrently(lambda: fail("one"), late, lambda: fail("three"))
     with pytest.raises(ValueError, match="late"):
-        beside(lambda: None, late)
+        run_concurrently(lambda: None, late)
     assert ended == [True] * 2
     run_nine_jobs()
 
@@ -92,14 +92,14 @@ def test_ctrl_c_waits_for_the_jobs_that_have_begun(four_cores, where):
 
     def job():
         try:
-            share(lambda first, last: time.sleep(0.001), 64, least=1)
+            parallel_for(lambda first, last: time.sleep(0.001), 64, least=1)
             time.sleep(0.1)
             interrupt("late")
         finally:
             ended.append(True)
 
     with pytest.raises(KeyboardInterrupt):
-        beside(lambda: interrupt("early"), job)
+        run_concurrently(lambda: interrupt("early"), job)
         time.sleep(1.0)
     assert ended == [True]
     run_nine_jobs()
@@ -120,12 +120,12 @@ def test_a_fault_keeps_nothing(four_cores, thread, within):
         kept.append(weakref.ref(held))
         raise ValueError("of a job")
 
-    work = fail if within == "job" else lambda: share(fail, 64, least=1)
+    work = fail if within == "job" else lambda: parallel_for(fail, 64, least=1)
     gc.disable()
     try:
         for _ in range(3):
             with suppress(ValueError):
-                beside(*[work, lambda: None][:: 1 if thread == "caller" else -1])
+                run_concurrently(*[work, lambda: None][:: 1 if thread == "caller" else -1])
         run_nine_jobs()  # helpers have let go of what they had
         assert len(kept) >= 3 and not any(ref() for ref in kept)
     finally:
@@ -137,10 +137,10 @@ def test_cpu_time_of_a_job_is_that_of_all_in_its_loops_and_of_no_other_job(four_
 
     def job(name, seconds):
         begun = cpu_time()
-        share(lambda first, last: burn(seconds * (last - first)), 8, least=1)
+        parallel_for(lambda first, last: burn(seconds * (last - first)), 8, least=1)
         found[name] = cpu_time() - begun
 
-    beside(lambda: job("long", 0.04), lambda: job("short", 0.01))
+    run_concurrently(lambda: job("long", 0.04), lambda: job("short", 0.01))
     # Pieces end after what they are to burn, and calls of some microseconds; a machine that is busy does not count.
     assert found["long"] == pytest.approx(0.32, rel=0.1)
     assert found["short"] == pytest.approx(0.08, rel=0.1)

@@ -24,17 +24,17 @@ LANES = 4
 LINE = np.uint64(8)  # numbers in a cache line, which `fetch` loads
 
 
-class RowType(types.Type):
+class Vec4Type(types.Type):
     def __init__(self):
         super().__init__(name=f"Row{LANES}")
 
 
-row_type = RowType()
+vec4_type = Vec4Type()
 VECTOR = ir.VectorType(ir.DoubleType(), LANES)
 
 
-@register_model(RowType)
-class RowModel(models.PrimitiveModel):
+@register_model(Vec4Type)
+class Vec4Model(models.PrimitiveModel):
     def __init__(self, manager, kind):
         super().__init__(manager, kind, VECTOR)
 
@@ -49,23 +49,23 @@ def store(array, at, row):
     array.reshape(-1)[at : at + LANES] = row
 
 
-def lane(row, k):
+def extract(row, k):
     return row[k]
 
 
-def empty_row():
+def zeros():
     return np.zeros(LANES)
 
 
-def sums_of(a, b, c, d):
+def horizontal_sums(a, b, c, d):
     return np.array([a.sum(), b.sum(), c.sum(), d.sum()])
 
 
-def fetch(array, at):
+def prefetch(array, at):
     pass
 
 
-def root(x):
+def sqrt(x):
     return np.sqrt(x)
 
 
@@ -142,17 +142,17 @@ def _sums(context, builder, signature, arguments):
     return builder.fadd(low, builder.shuffle_vector(one, other, _lanes((2, 3, 6, 7))))
 
 
-compile_as(load, _loads, row_type, types.Array, types.intp)
-compile_as(store, _stores, types.void, types.Array, types.intp, row_type)
-compile_as(lane, _takes, types.float64, row_type, types.intp)
-compile_as(empty_row, _zeros, row_type)
-compile_as(fetch, _fetches, types.void, types.Array, types.intp)
-compile_as(sums_of, _sums, row_type, row_type, row_type, row_type, row_type)
+compile_as(load, _loads, vec4_type, types.Array, types.intp)
+compile_as(store, _stores, types.void, types.Array, types.intp, vec4_type)
+compile_as(extract, _takes, types.float64, vec4_type, types.intp)
+compile_as(zeros, _zeros, vec4_type)
+compile_as(prefetch, _fetches, types.void, types.Array, types.intp)
+compile_as(horizontal_sums, _sums, vec4_type, vec4_type, vec4_type, vec4_type, vec4_type)
 
 
 def _row_of(builder, kind, value):
     """Return a row as it is, or a number in each lane."""
-    if kind == row_type:
+    if kind == vec4_type:
         return value
     first = builder.insert_element(ir.Constant(VECTOR, ir.Undefined), value, ir.IntType(32)(0))
     return builder.shuffle_vector(first, ir.Constant(VECTOR, ir.Undefined), _lanes([0] * LANES))
@@ -160,14 +160,14 @@ def _row_of(builder, kind, value):
 
 def compile_operator(symbol, emit, flags=("contract",)):
     """Compile an operator for rows, or a number and a row, to the builder's instruction named `emit`."""
-    pairs = [(row_type, row_type), (types.float64, row_type), (row_type, types.float64)]
+    pairs = [(vec4_type, vec4_type), (types.float64, vec4_type), (vec4_type, types.float64)]
 
     @type_callable(symbol)
     def typed(context):
         def signature(one, other):
-            if row_type not in (one, other):
+            if vec4_type not in (one, other):
                 return None
-            return row_type(*(kind if kind == row_type else types.float64 for kind in (one, other)))
+            return vec4_type(*(kind if kind == vec4_type else types.float64 for kind in (one, other)))
 
         return signature
 
@@ -186,16 +186,16 @@ compile_operator(operator.mul, "fmul")
 compile_operator(operator.truediv, "fdiv", ())
 
 
-@type_callable(root)
+@type_callable(sqrt)
 def _type_root(context):
     def signature(x):
-        return row_type(row_type) if x == row_type else types.float64(types.float64)
+        return vec4_type(vec4_type) if x == vec4_type else types.float64(types.float64)
 
     return signature
 
 
-@lower_builtin(root, row_type)
-@lower_builtin(root, types.float64)
+@lower_builtin(sqrt, vec4_type)
+@lower_builtin(sqrt, types.float64)
 def _roots(context, builder, signature, arguments):
     kind, name = (VECTOR, f"v{LANES}f64") if arguments[0].type == VECTOR else (ir.DoubleType(), "f64")
     root_of = cgutils.get_or_insert_function(builder.module, ir.FunctionType(kind, [kind]), f"llvm.sqrt.{name}")

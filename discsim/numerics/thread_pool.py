@@ -24,7 +24,7 @@ from discsim.parts import Lazy
 
 numba = Lazy("numba")
 
-allowed: ContextVar[int] = ContextVar("allowed", default=0)  # number of threads of loops; 0: numba's number
+thread_limit: ContextVar[int] = ContextVar("allowed", default=0)  # number of threads of loops; 0: numba's number
 _pool_of_job: ContextVar[ThreadPoolExecutor | None] = ContextVar("pool_of_job", default=None)
 
 
@@ -37,7 +37,7 @@ _helped = _Helped()
 
 def number_of_threads() -> int:
     """Return the number of threads that loops of this Python thread may use."""
-    return allowed.get() or int(numba.config.NUMBA_NUM_THREADS)
+    return thread_limit.get() or int(numba.config.NUMBA_NUM_THREADS)
 
 
 def several_threads() -> bool:
@@ -86,7 +86,7 @@ class Loop:
         return time.thread_time() - begun
 
 
-def share(loop: Loop, threads: int) -> list[Any]:
+def run_loop(loop: Loop, threads: int) -> list[Any]:
     """Run a loop on this thread and helpers; return the results of its chunks, or raise the first one's exception."""
     helpers: list[Future[float]] = []
     try:
@@ -103,7 +103,7 @@ def share(loop: Loop, threads: int) -> list[Any]:
     return loop.returned
 
 
-def beside(*jobs: Callable[[], object]) -> None:
+def run_concurrently(*jobs: Callable[[], object]) -> None:
     """Run independent jobs concurrently and wait for all; raise the exception of the first that failed.
 
     On one thread, and within a job, they run one after another until one raises.
