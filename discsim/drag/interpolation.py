@@ -38,8 +38,10 @@ def follow(
     rate, other = seen_by_dust(dust, found, gas_now)
     gas_rate, gas_other = seen_by_gas(drag, gas, found, dust_now)
     note_times(drag, dust, found)
-    parallel_for(kernels.follow, gas.count, gas_rate, gas_other, gas_now.copy(), gas.acc, dt, implicit, gas_vel, heat)
-    parallel_for(kernels.follow, dust.count, rate, other, dust_now.copy(), dust.acc, dt, implicit, dust.vel, NONE)
+    parallel_for(
+        kernels.kick_towards, gas.count, gas_rate, gas_other, gas_now.copy(), gas.acc, dt, implicit, gas_vel, heat
+    )
+    parallel_for(kernels.kick_towards, dust.count, rate, other, dust_now.copy(), dust.acc, dt, implicit, dust.vel, NONE)
 
 
 def seen_by_dust(dust: Dust, found: list[Pairs], gas_vel: Array) -> tuple[Array, Array]:

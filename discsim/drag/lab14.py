@@ -89,7 +89,7 @@ def hold_back(pairs: Pairs, gas: Gas, pull: Array, pushed: Array) -> None:
     parallel_for(kernels.shares, *of_gas, pairs.offset, pull, gas.mass, other)
     parallel_for(kernels.most_shares, *of_dust, pairs.gas, one, other, both)
     parallel_for(kernels.most_shares, *of_gas, pairs.dust, other, one, gas_both)
-    parallel_for(kernels.hold_back, cloud.count, pairs.start, pairs.gas, both, gas_both, pushed)
+    parallel_for(kernels.limit_impulses, cloud.count, pairs.start, pairs.gas, both, gas_both, pushed)
 
 
 # Damping is too strong where h > c_s t_stop: Laibe & Price (2012), sec. 4.

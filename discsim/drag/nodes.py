@@ -113,7 +113,7 @@ def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> N
     for kind, *_ in kinds:
         free_kick(_outside(kind, cells), kind.vel, kind.acc, dt)
     if len(heat) > 0:
-        nodes_heat.pass_on(nodes, sharp.heat)
+        nodes_heat.move_heat_to_gas(nodes, sharp.heat)
         parallel_for(nodes_heat.spread, len(cells.home), gas, cells, nodes, sharp.heat, *packed[0], heat, least=LEAST)
     drag.alone = members_alone(dust.order, dust.start, met[1], blocks.enlarged, kicked)
     drag.stopping_times = lambda: _stopping_times(dust, cells, nodes, sharp, packed[1])

@@ -168,7 +168,7 @@ def exchange(
         gas_mean, dust_mean = 0.5 * (gas_before + gas_vel), 0.5 * (dust_before + dust.vel)
         for pairs, pushed in zip(found, given, strict=True):
             parallel_for(
-                kernels.warm, gas.count, pairs.by_gas, pairs.begin, pairs.dust, pushed, gas.mass,
+                kernels.add_pair_heat, gas.count, pairs.by_gas, pairs.begin, pairs.dust, pushed, gas.mass,
                 dust_mean[pairs.cloud.members], gas_mean, heat,
             )  # fmt: skip
 

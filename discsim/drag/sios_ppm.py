@@ -33,7 +33,7 @@ def advance(drag: Drag, tube: Tube, cells: Array, dt: float) -> Array:
     now = cells
     for part in ppm.STAGES:
         now = tube.moved(cells, now, part * dt)
-    kernels.relax_apart(
+    kernels.relax_towards_old(
         drag.law.code, drag.law.grains[0], tube.thermal_speed(now), now, dt, tube.adiabatic, drag.heating
     )  # fmt: skip
     return now

@@ -34,7 +34,7 @@ def taken_from(state: State, name: str, gone: np.ndarray) -> Taken:
     mass, small = total(particles.mass[gone]), 0.0
     if state.gas is not None and state.gas.small is not None and name == "gas":
         small = total(state.gas.small[gone])
-        if growth.laden(state.scene):
+        if growth.small_dust_in_mass(state.scene):
             return Taken(mass, total(particles.mass[gone] - state.gas.small[gone]), small)
     return Taken(mass, mass, small)
 

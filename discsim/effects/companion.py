@@ -262,7 +262,7 @@ class Effect(base.Effect):
     def expected_limit(cls, scene: Scene, outlook: Outlook) -> Expected:
         found = []
         for k, (companion, nearby) in enumerate(
-            zip(scene.table("companion"), formulas.steps_nearby(scene, outlook), strict=True), 1
+            zip(scene.table("companion"), formulas.encounter_limits(scene, outlook), strict=True), 1
         ):
             orbit = formulas.step_of_orbit(scene, companion, outlook.time)
             found += [Expected(orbit, f"by the orbit of companion {k}"), Expected(nearby, f"near companion {k}")]
@@ -354,7 +354,7 @@ class Effect(base.Effect):
     def _accrete(self, state: State, k: int, name: str, place: list[float]) -> None:
         """Remove the particles of species `name` that companion `k`, at `place`, accretes in the step just made."""
         companion, p = self.companions[k], state.species[name]
-        found = parallel_for(kernels.divide, p.count, p.pos, companion.accretion_radius**2, *place)
+        found = parallel_for(kernels.split_by_radius, p.count, p.pos, companion.accretion_radius**2, *place)
         gone = np.concatenate([inside for _, inside in found])
         if companion.accretion_rate is not None:
             kept = _chances(self.scene.run.seed, state.step + state.earlier, k, p.ids[gone]) >= self._share(state, k)

@@ -121,7 +121,7 @@ class Effect(base.Effect):
         assert own is not None
         self.own = own
         self.passive = physics.passive_law(scene)
-        self.light = physics.light(scene) if own.kind == "radiative" else np.empty(0)
+        self.light = physics.radiative_constants(scene) if own.kind == "radiative" else np.empty(0)
         self.state = state
         state.cooled = self.cooled
 

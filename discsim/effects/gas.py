@@ -267,7 +267,7 @@ class Effect(base.Effect):
         where = ""
         if scene.star is not None and outlook.nearest < np.inf:
             noise = NOISE * float(centre.kepler_omega(scene, outlook.nearest))
-            frequency, number = companions.gathering(scene, outlook)
+            frequency, number = companions.fastest_in_softening(scene, outlook)
             closing = max(noise, GATHERING * frequency)
             where = f"near companion {number}" if closing > noise else ""
         if at.jump is not None:

@@ -147,7 +147,7 @@ class Effect(base.Effect):
     def __init__(self, scene: Scene, state: State) -> None:
         self.scene = scene
         self.sph = smoothing.Sph(scene)
-        self.laden = growth.laden(scene)
+        self.laden = growth.small_dust_in_mass(scene)
         law, (dust,), own = SceneLaw(scene), scene.dust or (), scene.table("growth")
         all_dust = float(state.dust.mass.sum() + state.gas.small.sum())
         self.grains = kernels.Grains(
@@ -244,13 +244,15 @@ class Effect(base.Effect):
         carriers = self._carriers(state, met)
         wanted, mass, vel = (met.grains.of(array) for array in (wanted, dust.mass, dust.vel))
         parallel_for(
-            exchange.hand_driver(self.sph.kernel), len(met.cells.filled), met.cells, met.grain_cells, carriers, vel,
-            field, wanted, taken, spread, got, least=neighbours.LEAST, each=met.grains_about,
+            exchange.exchange_gas_driver(self.sph.kernel),
+            len(met.cells.filled), met.cells, met.grain_cells, carriers, vel, field, wanted, taken, spread, got,
+            least=neighbours.LEAST, each=met.grains_about,
         )  # fmt: skip
         met.gas.refresh(spread)
         parallel_for(
-            exchange.take_driver(self.sph.kernel), len(met.grain_cells.filled), met.grain_cells, met.cells, carriers,
-            spread, field, wanted, met.grain_pos, mass, vel, least=neighbours.LEAST, each=met.gas_about,
+            exchange.exchange_dust_driver(self.sph.kernel),
+            len(met.grain_cells.filled), met.grain_cells, met.cells, carriers, spread, field, wanted, met.grain_pos,
+            mass, vel, least=neighbours.LEAST, each=met.gas_about,
         )  # fmt: skip
         dust.mass[:], dust.vel[:] = mass[met.grains.own], vel[met.grains.own]
         taken, got = taken[own], got[own]

@@ -198,7 +198,7 @@ class Effect(base.Effect):
         if self.star.accretion_radius > 0.0:
             given = self.star.accretion_radius**2, *state.star_place
             ranges = [(p.count, p.pos, *given) for p in state.species.values()]
-            found = parallel_for_ranges(kernels.divide, ranges, light=True)
+            found = parallel_for_ranges(kernels.split_by_radius, ranges, light=True)
             for (name, particles), near in zip(state.species.items(), found, strict=True):
                 self._nearest[name] = min(least for least, _ in near)
                 self._accrete(state, name, particles, np.concatenate([inside for _, inside in near]))

@@ -53,9 +53,9 @@ def make_particles(scene: Scene) -> Given:
     given = _sized(scene, start_of(scene).particles(scene))
     if scene.table("growth") is None:
         return given
-    from discsim.initial.small import carried
+    from discsim.initial.small import move_small_dust
 
-    return carried(scene, given)
+    return move_small_dust(scene, given)
 
 
 def _sized(scene: Scene, given: Given) -> Given:
@@ -129,7 +129,7 @@ def _make_gas(scene: Scene, given: dict[str, Any]) -> Gas:
         u = np.array(u, float)
     else:
         u = initial_energy(scene, radius(common["pos"]))
-        if small is not None and growth.laden(scene):  # u is per total mass, but only gas holds heat
+        if small is not None and growth.small_dust_in_mass(scene):  # u is per total mass, but only gas holds heat
             u = u * (1.0 - small / common["mass"])
     if scene.gas.smoothing_length is not None:
         h = np.full(n, scene.gas.smoothing_length)

@@ -79,7 +79,7 @@ class Balance:
     def __init__(self, state: State, effects: dict[str, Any]) -> None:
         self.scene, self.effects = state.scene, effects
         self.gravity = mean_gravity(state, effects)
-        self.laden = "growth" in effects and growth.laden(state.scene)
+        self.laden = "growth" in effects and growth.small_dust_in_mass(state.scene)
         self.drifts = "drag" in effects and getattr(self.scene.initial, "dust_velocity", None) != "balance"
 
     def velocities(
@@ -114,7 +114,7 @@ class Balance:
                 radial = radial + viscous_flow(scene, disc, r)
         return radial, keplerian + lag
 
-    def alone(self, pos: Array) -> tuple[Array, Array]:
+    def without_drag(self, pos: Array) -> tuple[Array, Array]:
         """Return the `velocities` of gas without drag by dust."""
         drifts, self.drifts = self.drifts, False
         try:

@@ -192,7 +192,7 @@ def _together(scene: Scene, name: str, arrays: dict[str, Array]) -> Iterator[str
                 f"mass[{heavy}] is {mass[heavy] / mass[light]:.3g} times mass[{light}]; expected {MASSES:g} times at "
                 "most, as SPH sums them"
             )
-        if "small" in arrays and growth.laden(scene):
+        if "small" in arrays and growth.small_dust_in_mass(scene):
             most = arrays["small"] - mass
             if most.max() >= 0.0:
                 i = int(most.argmax())

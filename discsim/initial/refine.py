@@ -20,7 +20,7 @@ RING = 5  # up to this number of children a ring is the best arrangement
 # Thinning
 
 
-def every(count: int, step: int) -> tuple[int, int, int]:
+def kept_range(count: int, step: int) -> tuple[int, int, int]:
     """Return start, stop and step of the range of kept particles of `count`, from the middle of the first `step`."""
     return min(step // 2, max(count - 1, 0)), count, step
 
@@ -35,7 +35,7 @@ def thinned(arrays: dict[str, Array], step: int) -> dict[str, Array]:
     held = 2.0 * np.pi * r * np.sqrt(step / _area(pos))  # number of particles in the ring
     ring = np.empty(len(r), np.int64)
     ring[rising] = np.floor(np.cumsum(1.0 / np.maximum(held[rising], 1.0)))
-    stay = np.lexsort((angle, ring))[slice(*every(len(r), step))]
+    stay = np.lexsort((angle, ring))[slice(*kept_range(len(r), step))]
     out = {key: values[stay] for key, values in arrays.items()}
     for key in ("mass", "small"):
         if key in out and out[key].any():

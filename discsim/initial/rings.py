@@ -66,7 +66,7 @@ def _species(
         number = profile.integral(r, disc.surface_density(r) * disc.resolution(r))
         number *= count / number[-1]
         radius, angle = rings(r, number, stream)
-        weight = shares(radius, np.interp(np.arange(count + 1), number, mass))
+        weight = ring_masses(radius, np.interp(np.arange(count + 1), number, mass))
     else:
         radius, angle = rings(r, mass / mass[-1] * count, stream)
     if getattr(scene.initial, "perturbation", 0.0) > 0.0:
@@ -100,7 +100,7 @@ def rings(r: Array, number: Array, stream: np.random.Generator) -> tuple[Array, 
     return np.repeat(radius, held), angle
 
 
-def shares(radius: Array, mass: Array) -> Array:
+def ring_masses(radius: Array, mass: Array) -> Array:
     """Return masses (n,) of particles at radii (n,) that rise from ring to ring; a ring shares its mass equally.
 
     mass (n + 1,): mass of the disc within the first k particles.

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 growth = Lazy("discsim.physics.growth")
 
 
-def carried(scene: Scene, given: Given) -> Given:
+def move_small_dust(scene: Scene, given: Given) -> Given:
     """Return the arrays `given` of a start with `small` (n,), the small dust carried by gas particles, added.
 
     The share growth.small_ratio / dust.ratio of the dust moves to the gas between the dust's radii, in proportion to
@@ -38,7 +38,10 @@ def carried(scene: Scene, given: Given) -> Given:
     left = max(1.0 - growth.small_ratio(scene) / population.ratio, growth.SEED)
     small = weight * ((1.0 - left) * dust["mass"].sum() / weight.sum())
     gas = gas | {"small": small}
-    return given | {"gas": loaded(gas) if growth.laden(scene) else gas, "dust": dust | {"mass": left * dust["mass"]}}
+    return given | {
+        "gas": loaded(gas) if growth.small_dust_in_mass(scene) else gas,
+        "dust": dust | {"mass": left * dust["mass"]},
+    }
 
 
 def loaded(gas: dict[str, Any], sign: float = 1.0) -> dict[str, Any]:

@@ -76,7 +76,7 @@ def _of_gas(scene: Scene) -> Support:
     if scene.self_gravity is not None:
         pull = pull + TWICE * disc.mass_within(r) / (r * r)
     push = disc.pressure_acceleration(r) / pull
-    if scene.table("growth") is not None and growth.laden(scene):
+    if scene.table("growth") is not None and growth.small_dust_in_mass(scene):
         push = push / (1.0 + growth.small_at(scene, r, disc.dust_share))
     aspect = profile.thermal_speed(scene, r, density) / np.sqrt(pull * r)
     weight = r * density

@@ -34,7 +34,7 @@ def refuse_special(path: str | os.PathLike[str]) -> None:
 
 
 @contextmanager
-def written(path: str | os.PathLike[str], ending: str = "", before: Path | None = None) -> Iterator[Path]:
+def replace_atomically(path: str | os.PathLike[str], ending: str = "", before: Path | None = None) -> Iterator[Path]:
     """Yield a temporary path, which is renamed to `path` when the block ends without an exception.
 
     `ending` is the suffix of the temporary name, for libraries that choose a format by the suffix. An existing file
@@ -55,7 +55,7 @@ def written(path: str | os.PathLike[str], ending: str = "", before: Path | None 
         with suppress(OSError):  # the first error is the one to report
             temporary.unlink(missing_ok=True)
         raise
-    keep_names(path.parent)
+    fsync_directory(path.parent)
 
 
 def appended(path: str | os.PathLike[str], buffering: int = -1) -> Any:
@@ -67,10 +67,10 @@ def appended(path: str | os.PathLike[str], buffering: int = -1) -> Any:
 def renamed(old: Path, new: Path) -> None:
     """Rename the file `old` to `new`, replacing `new`."""
     os.replace(old, new)
-    keep_names(new.parent)
+    fsync_directory(new.parent)
 
 
-def keep_names(directory: Path) -> None:
+def fsync_directory(directory: Path) -> None:
     """Synchronise a directory to disk, if its file system supports that."""
     with suppress(OSError):
         keep(directory)

@@ -22,7 +22,7 @@ import numpy as np
 from discsim import __version__
 from discsim.numerics.entries import EntryError
 from discsim.output import files
-from discsim.output.files import command, written
+from discsim.output.files import command, replace_atomically
 from discsim.printable import printable
 from discsim.scene.units import clipped
 from discsim.userfiles import open_plain
@@ -49,7 +49,7 @@ def create(path: str | os.PathLike[str], before: Path | None = None) -> Iterator
     content = io.BytesIO()
     with new(content) as file:
         yield file
-    put_down(path, content, before)
+    write_verified(path, content, before)
 
 
 def new(content: io.BytesIO) -> h5py.File:
@@ -57,9 +57,9 @@ def new(content: io.BytesIO) -> h5py.File:
     return h5py.File(content, "w", libver=("v110", "v110"))
 
 
-def put_down(path: str | os.PathLike[str], content: io.BytesIO, before: Path | None = None) -> None:
+def write_verified(path: str | os.PathLike[str], content: io.BytesIO, before: Path | None = None) -> None:
     """Write a file built in memory to `path`, with the guarantees of `create`."""
-    with written(path, before=before) as temporary:
+    with replace_atomically(path, before=before) as temporary:
         with temporary.open("wb") as plain:
             plain.write(content.getbuffer())
             plain.flush()

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from discsim.numerics.totals import total, totals
-from discsim.output.files import appended, written
+from discsim.output.files import appended, replace_atomically
 from discsim.parts import Lazy
 from discsim.physics.eos import thermal_energy
 from discsim.printable import UserError
@@ -61,7 +61,7 @@ class History:
 
     def __init__(self, path: Path, rows: Sequence[Sequence[str]] = (), columns: Sequence[str] = COLUMNS) -> None:
         self._digest = hashlib.sha256(_lines(rows).encode())
-        with written(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        with replace_atomically(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
             file.write(_lines([columns, *rows]))
         self._file = appended(path, buffering=0)
         self.count = len(rows)

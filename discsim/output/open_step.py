@@ -43,7 +43,7 @@ class OpenStep:
     pace: Pace | None = None
 
 
-def left_open(state: State, together: bool) -> OpenStep:
+def open_step_of(state: State, together: bool) -> OpenStep:
     """Return the OpenStep of a state between two steps.
 
     `together`: an effect kicks gas and dust together, so that two half kicks differ from one whole kick. Without

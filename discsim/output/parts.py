@@ -20,7 +20,7 @@ import h5py
 import numpy as np
 
 from discsim.output import hdf5
-from discsim.output.files import PARTS, keep_names, written
+from discsim.output.files import PARTS, fsync_directory, replace_atomically
 from discsim.userfiles import copy_plain
 
 # Groups of snapshots and checkpoints whose arrays have one row per particle.
@@ -34,7 +34,7 @@ def stem_of(path: Path, before: Path | None) -> str:
     """Return the first part of the names of a new file's parts, and create their folder. Raises OSError."""
     folder = path.parent / PARTS
     folder.mkdir(exist_ok=True)
-    keep_names(path.parent)
+    fsync_directory(path.parent)
     if before is None:
         return path.stem
     numbers = (part.name.partition(".")[0].rpartition("-")[2] for part in folder.glob(f"{path.stem}-*"))
@@ -66,7 +66,7 @@ class Part:
                 _take_rest(file, rest)
             self.lengths = {stored.name: len(stored) for stored in _divided(file)}
             file.attrs["discsim"], file.attrs[hdf5.MADE] = np.bytes_("part of a file"), np.bytes_(self.made)
-        hdf5.put_down(self.file, content)
+        hdf5.write_verified(self.file, content)
 
     def join(self, path: Path, before: Path | None, lengths: Sequence[dict[str, int]]) -> None:
         """Write the master over all parts. Raises OSError.
@@ -81,7 +81,7 @@ class Part:
             file.attrs[hdf5.NAMES] = [np.bytes_(os.fsencode(_beside(one))) for one in files]
             file.attrs[hdf5.MADE] = np.bytes_(self.made)
         hdf5.seal(self._rest)
-        hdf5.put_down(path, self._rest, before)
+        hdf5.write_verified(path, self._rest, before)
 
     def discard(self) -> None:
         """Remove this part, after a failure to write another part or the master."""
@@ -165,6 +165,6 @@ def copy(path: Path, target: Path, to: Path, made: list[Path]) -> None:
             other = target.parent / PARTS / part.name
             made += [each for each in (other.parent, other) if not os.path.lexists(each)]
             other.parent.mkdir(exist_ok=True)
-            with written(other) as temporary:
+            with replace_atomically(other) as temporary:
                 copy_plain(part, temporary)
     copy_plain(path, to)

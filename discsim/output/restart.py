@@ -20,7 +20,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field, ValidationInfo
 
 from discsim.initial.base import Places, Start
-from discsim.initial.refine import every, refined, thinned
+from discsim.initial.refine import kept_range, refined, thinned
 from discsim.initial.small import loaded
 from discsim.parts import Lazy
 from discsim.physics import profile
@@ -112,7 +112,7 @@ class FromSnapshot(Table):
     def counts(self) -> dict[str, list[int]]:
         """Particle numbers of the gas, and of each dust population, after refining or thinning."""
         gas, dust = [self.file.gas], [*self.file.dust]
-        return {name: [self.refine * len(range(*every(n, self.thin))) for n in numbers]
+        return {name: [self.refine * len(range(*kept_range(n, self.thin))) for n in numbers]
                 for name, numbers in (("gas", gas), ("dust", dust))}  # fmt: skip
 
 
@@ -145,9 +145,9 @@ def _as_carried(scene: Scene, snap: Snapshot, gas: dict[str, Array]) -> dict[str
     With two-way drag, particle masses include small dust; with one-way drag they do not.
     """
     was = snap.tables["drag"].get("direction") != "one-way"
-    if was == growth.laden(scene):
+    if was == growth.small_dust_in_mass(scene):
         return gas
-    return loaded(gas, 1.0 if growth.laden(scene) else -1.0)
+    return loaded(gas, 1.0 if growth.small_dust_in_mass(scene) else -1.0)
 
 
 def _populations(held: SnapshotParticles) -> Array:
@@ -187,7 +187,7 @@ def _before(scene: Scene) -> Scene | None:
         return None
 
 
-def goes_on(scene: Scene) -> bool:
+def continues_run(scene: Scene) -> bool:
     """Return whether the run continues that of the snapshot: no change affects a step."""
     start, before = scene.initial, _before(scene)
     if _snapshot(start.file).open_step is None or before is None or start.refine > 1 or start.thin > 1:
@@ -207,9 +207,9 @@ def begins(scene: Scene) -> float:
     return float(scene.initial.file.time) if scene.initial.keep_time else 0.0
 
 
-def take_up(state: State) -> None:
+def restore_open_step(state: State) -> None:
     """Set the time of the state, and its open step if the run continues that of the snapshot."""
-    if goes_on(state.scene):
+    if continues_run(state.scene):
         _go_on(state)
     state.time = begins(state.scene)
     if state.bodies is not None:
@@ -378,6 +378,6 @@ START = Start(
     edges=edges,
     reference_density=reference_density,
     begins=begins,
-    take_up=take_up,
+    take_up=restore_open_step,
     under_way=under_way,
 )

@@ -106,7 +106,7 @@ def step_of_orbit(scene: Scene, companion: Any, time: float) -> Array | float:
     return np.asarray(np.sqrt((a * (1.0 - e * np.cos(at_even_times))) ** 3 / mu))
 
 
-def steps_nearby(scene: Scene, outlook: Outlook) -> list[float]:
+def encounter_limits(scene: Scene, outlook: Outlook) -> list[float]:
     """Return the time-step limit of each companion by the nearest particle; inf if no particle comes near.
 
     The particle crosses the distance d, which includes the softening, at (2 G m / d)^(1/2). Velocities lag by half a
@@ -122,7 +122,7 @@ def steps_nearby(scene: Scene, outlook: Outlook) -> list[float]:
     return found
 
 
-def gathering(scene: Scene, outlook: Outlook) -> tuple[float, int]:
+def fastest_in_softening(scene: Scene, outlook: Outlook) -> tuple[float, int]:
     """Return the largest frequency (2 G m / d^3)^(1/2) of gas that collects in a companion's softening, and its number.
 
     Return (0, 0) if no companion has an accretion radius below its softening.
@@ -142,7 +142,7 @@ def _edge(companion: Any) -> float:
 
 def _nearest(scene: Scene, companion: Any, outlook: Outlook) -> float:
     """Return the softened distance of the particle nearest to a companion; inf if none comes near."""
-    if not meets(scene, companion, outlook):
+    if not particles_reach(scene, companion, outlook):
         return math.inf
     a, e = companion.semi_major_axis, companion.eccentricity
     beside = e < 1.0 and not (outlook.inner <= a * (1.0 + e) and outlook.outer >= a * (1.0 - e))
@@ -156,7 +156,7 @@ def is_star(scene: Scene, companion: Any) -> bool:
     return bool(companion.mass >= PLANET * star.mass)
 
 
-def meets(scene: Scene, companion: Any, outlook: Outlook) -> bool:
+def particles_reach(scene: Scene, companion: Any, outlook: Outlook) -> bool:
     """Return whether particles come near a companion.
 
     Resonances overlap within 1.3 (m / (M + m))^(2/7) a of the orbit (Wisdom 1980). A second star keeps a cavity open:

@@ -46,7 +46,7 @@ def cooling_time(scene: Scene, r: Array) -> Array:
     return own.beta / kepler_omega(scene, r) if own.kind == "beta" else np.full(r.shape, own.t_cool)
 
 
-def light(scene: Scene) -> Array:
+def radiative_constants(scene: Scene) -> Array:
     """Return the constants (5,) of radiative cooling.
 
     In order: 2 sigma (T/u)^4 in code units; the code unit of volume density in g/cm3; c_T^2 / u with the isothermal
@@ -71,6 +71,6 @@ def light(scene: Scene) -> Array:
     )
 
 
-def depth(tau: Array) -> Array:
+def effective_depth(tau: Array) -> Array:
     """Return tau_eff (n,) of a disc with its midplane at optical depth `tau` (n,) (Hubeny 1990, ApJ 351, 632)."""
     return 0.375 * tau + 0.25 * math.sqrt(3.0) + 0.25 / tau

@@ -99,7 +99,7 @@ def _q_of_the_mass(draft: Draft) -> Iterator[Problem]:
         yield ("initial", "toomre_q"), f"{wrong}; expected mass or surface_density"
 
 
-Roots = tuple[float, float, bool]  # c_s at a radius, that radius, and whether the square root of r is taken twice
+SqrtLaw = tuple[float, float, bool]  # c_s at a radius, that radius, and whether the square root of r is taken twice
 TWICE = {0.5: True, 1.0: False}  # the latter by q of c_s ~ r^(-q/2)
 
 
@@ -181,7 +181,7 @@ class Eos:
         speed = self.thermal_speed(scene, radius(pos))
         return speed * speed * density, speed
 
-    def roots(self, scene: Scene) -> Roots | None:
+    def roots(self, scene: Scene) -> SqrtLaw | None:
         """Return the arguments of `kernels.eos` if c_s is a constant times square roots of the radius, else None."""
         return None
 
@@ -225,7 +225,7 @@ class LocallyIsothermalGas(Eos):
     takes_temperature = True
     rules = (_needs_star,)
 
-    def roots(self, scene: Scene) -> Roots | None:
+    def roots(self, scene: Scene) -> SqrtLaw | None:
         eos, start = scene.gas.eos, scene.initial
         if type(self) is not LocallyIsothermalGas or eos.temperature_index not in TWICE:
             return None

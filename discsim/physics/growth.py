@@ -48,7 +48,7 @@ def small_at(scene: Scene, r: Array, dust_share: Callable[[Array], Array] | None
     return np.where(there, small_ratio(scene), 0.0) * (1.0 if dust_share is None else dust_share(r))
 
 
-def laden(scene: Scene) -> bool:
+def small_dust_in_mass(scene: Scene) -> bool:
     """Return whether small dust is a part of the gas particles' mass."""
     return scene.table("growth") is not None and scene.drag is not None and scene.drag.direction == "two-way"
 
@@ -56,7 +56,7 @@ def laden(scene: Scene) -> bool:
 def gas_share(scene: Scene, gas: Gas, piece: slice = slice(None)) -> Array | float:
     """Return the mass fraction of gas (n,) in gas particles of the slice `piece`; 1 if their mass has no small dust."""
     assert gas.small is not None
-    return 1.0 - gas.small[piece] / gas.mass[piece] if laden(scene) else 1.0
+    return 1.0 - gas.small[piece] / gas.mass[piece] if small_dust_in_mass(scene) else 1.0
 
 
 def alpha(scene: Scene, r: Array, speed2: Array, omega: Array) -> Array:

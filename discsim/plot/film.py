@@ -20,7 +20,7 @@ from PIL import Image
 from discsim.output.drawing import norm_of
 from discsim.output.fields.base import PlotError
 from discsim.output.fields.look import Look
-from discsim.output.files import refuse_special, written
+from discsim.output.files import refuse_special, replace_atomically
 from discsim.output.snapshot import files_of
 from discsim.parts import command_of_extra
 from discsim.plot import compose, pictures
@@ -61,7 +61,7 @@ class Film:
             raise PlotError(f"{self.source}: a run in one dimension has no map; expected `discsim plot --time`")
         frames = self._frames(files, say)
         path.parent.mkdir(parents=True, exist_ok=True)
-        with written(path, path.suffix) as temporary:
+        with replace_atomically(path, path.suffix) as temporary:
             writer(temporary, frames, self.rate)
         return len(files)
 

@@ -11,7 +11,7 @@ from discsim import __version__
 from discsim.output.drawing import figure_text
 from discsim.output.fields.base import PlotError
 from discsim.output.fields.look import Look
-from discsim.output.files import refuse_special, written
+from discsim.output.files import refuse_special, replace_atomically
 from discsim.output.snapshot import files_of
 from discsim.plot import compose, pictures
 from discsim.plot.compose import Board
@@ -132,6 +132,6 @@ def save(make: Callable[[], Figure], path: Path) -> None:
     refuse_special(path)
     figure = make()
     path.parent.mkdir(parents=True, exist_ok=True)
-    with written(path, path.suffix) as temporary:
+    with replace_atomically(path, path.suffix) as temporary:
         software = {".png": "Software", ".pdf": "Creator", ".svg": "Creator"}[path.suffix.lower()]
         figure.savefig(temporary, dpi=130, metadata={software: f"discsim {__version__}"})

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from discsim.output.files import written
+from discsim.output.files import replace_atomically
 from discsim.userfiles import read_text
 
 LARGEST = 2**20  # largest file of a list in bytes
@@ -31,7 +31,7 @@ def keep(name: str, runs: Sequence[dict[str, Any]]) -> None:
     try:
         path = _path(name)
         path.parent.mkdir(parents=True, exist_ok=True)
-        with written(path) as temporary:
+        with replace_atomically(path) as temporary:
             temporary.write_text(json.dumps({"runs": list(runs)}, indent=1) + "\n")
     except (OSError, RuntimeError):
         return

@@ -58,7 +58,7 @@ class Outlooks:
         if star is not None:
             inner = min(self.inner, max(inner, star.accretion_radius, LEAST * self.inner))
         found = Outlook(time, passed, self._gas(time), inner, self.outer, inner, self._spacing_at)
-        if star is not None and any(companions.meets(self.scene, other, found) for other in self.stars):
+        if star is not None and any(companions.particles_reach(self.scene, other, found) for other in self.stars):
             stream = star.accretion_radius + companions.STREAM * self._spacing_at(star.accretion_radius)
             return replace(found, nearest=min(inner, stream))
         return found

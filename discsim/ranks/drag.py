@@ -21,13 +21,13 @@ from discsim.drag.known import Known
 from discsim.kernels.drag.blocks import LEVELS, MOST
 from discsim.kernels.drag.tsc import levels
 from discsim.kernels.mpi.halo import (
-    along_curve,
     batches_near,
+    block_number_ranges,
     blocks_in,
     mark_blocks,
     mark_held,
-    number_anew,
-    sides_held,
+    mark_top_blocks,
+    renumber,
 )
 from discsim.numerics import alloc, world
 from discsim.numerics.batches import LEAST
@@ -109,7 +109,7 @@ def _some(blocks: Merged, some: Array) -> Merged:
     """Return the blocks `some`, and renumber blocks in their leaves in place."""
     number = np.full(len(blocks.level) + 2, -1, np.int32)  # -1: of no block
     number[some] = np.arange(len(some))
-    parallel_for(number_anew, len(blocks.number), blocks.number, number, light=True)
+    parallel_for(renumber, len(blocks.number), blocks.number, number, light=True)
     return Merged(blocks.number, *(each[some] for each in blocks[1:]))
 
 
@@ -262,7 +262,7 @@ def _needed(blocks: Merged, lattice: Lattice, own: Array, away: int, rings: int,
 def _largest_with(blocks: Merged, lattice: Lattice, chosen: Array) -> Array:
     """Return the largest blocks (2, x, y) that hold any of the `chosen` blocks (blocks,), and any others."""
     out = np.zeros((2, *(-(-n // MOST) for n in lattice.shape)), bool)
-    sides_held(blocks.first_leaf, chosen, out)
+    mark_top_blocks(blocks.first_leaf, chosen, out)
     return out
 
 
@@ -273,7 +273,7 @@ def numbers_of(blocks: Merged, lattice: Lattice) -> tuple[Array, Array]:
     """
     count = len(blocks.level)
     begin, end = np.full(count + 1, 2**62), np.full(count + 1, 2**62 + 1)
-    along_curve(blocks.first_leaf, blocks.level, lattice.first, -(-lattice.whole[1] // MOST), begin, end)
+    block_number_ranges(blocks.first_leaf, blocks.level, lattice.first, -(-lattice.whole[1] // MOST), begin, end)
     return begin, end
 
 

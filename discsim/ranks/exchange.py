@@ -8,7 +8,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from discsim.kernels.mpi.batches import BATCH
-from discsim.kernels.mpi.halo import in_runs, number_runs
+from discsim.kernels.mpi.halo import number_runs, particles_in_runs
 from discsim.kernels.mpi.tiles import take_spans
 from discsim.numerics.alloc import grow
 from discsim.numerics.batches import LEAST
@@ -182,7 +182,7 @@ def route_to(comm: Comm, key: Array, asked: Asked, of: Array | None = None, batc
     """
     number = asked.number
     batches = np.arange(-(-len(key) // BATCH)) if batches is None else batches
-    found = parallel_for(in_runs, len(batches), batches, key, of, number, least=LEAST)  # few of all batches
+    found = parallel_for(particles_in_runs, len(batches), batches, key, of, number, least=LEAST)  # few of all batches
     some, numbers = (joined([each[k] for each in found]) for k in range(2))
     order, start = counting_sort(numbers, int(number[-1]))
     first, last = start[number[asked.first]], start[number[asked.last]]

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from mpi4py import MPI
 
-from discsim.kernels.mpi.tiles import leave_own, others_about, pieces_of
+from discsim.kernels.mpi.tiles import leave_own, others_about, rows_in_global_order
 from discsim.numerics.batches import bounds_anew
 from discsim.numerics.grid import Grid, Node
 from discsim.numerics.mesh import Mesh
@@ -88,7 +88,7 @@ def _in_order(place: Array, held: int, loose: Array) -> Pieces:
     loose = rising(loose[loose < held])
     others = np.concatenate([loose, np.arange(held, len(place))])
     in_order = np.argsort(place[others], kind="stable")  # 3 times as fast, as places mostly rise
-    first, last, rises = pieces_of(place, held, loose, others[in_order])
+    first, last, rises = rows_in_global_order(place, held, loose, others[in_order])
     if not rises:  # arrays in another order
         first = np.argsort(place)
         last = first + 1

@@ -21,7 +21,7 @@ from discsim.output.checkpoint import Values
 from discsim.output.contents import Extent, extent_of
 from discsim.output.history import history_row
 from discsim.output.layout import GROUPS
-from discsim.output.open_step import KICKED, left_open
+from discsim.output.open_step import KICKED, open_step_of
 from discsim.output.parts import tidy
 from discsim.output.snapshot import write_snapshot
 from discsim.printable import printable
@@ -69,7 +69,7 @@ def run_on_ranks(scene: Scene, directory: Path, resume: bool, quiet: bool) -> in
     return int(comm.mpi.bcast(status))
 
 
-class Told(Progress):
+class RootReporter(Progress):
     """Progress of the leading rank; it holds its errors back until those of other ranks are known."""
 
     failed = ""
@@ -80,7 +80,7 @@ class Told(Progress):
         self.note(self.failed)
 
 
-class Untold(Told):
+class NullReporter(RootReporter):
     """Silent progress of the other ranks."""
 
     def open_log(self, path: Path, resume: bool) -> None:
@@ -99,7 +99,7 @@ class Untold(Told):
         pass
 
 
-class Unwritten(Records):
+class NullRecords(Records):
     """Tables that another rank writes."""
 
     def take_up(self, step: int, values: Values) -> list[str]:
@@ -123,7 +123,7 @@ class DividedRun(Run):
     def __init__(self, scene: Scene, directory: Path, quiet: bool, comm: Comm) -> None:
         super().__init__(scene, directory, quiet)
         self.comm, self.leads = comm, comm.rank == 0
-        self.progress: Told = (Told if self.leads else Untold)(scene, quiet)
+        self.progress: RootReporter = (RootReporter if self.leads else NullReporter)(scene, quiet)
         self.compilation.progress = self.progress
 
     def led(self, do: Callable[[], Any]) -> Any:
@@ -143,7 +143,7 @@ class DividedRun(Run):
         self.led(super()._copy_files)
 
     def _tables(self) -> Records:
-        return super()._tables() if self.leads else Unwritten(self.scene, self.directory)
+        return super()._tables() if self.leads else NullRecords(self.scene, self.directory)
 
     def _simulation(self, to_restore: bool) -> Simulation:
         return Simulation(self.scene, begun=begun(self.comm, self.scene, to_restore))
@@ -171,7 +171,7 @@ class DividedRun(Run):
     def _output(self) -> None:
         sim, comm, divided = self.sim, self.comm, files.to_divide(self.comm, self.sim.state)
         unfinished = gathered(comm, sim.state, "ids", divided, OPEN)
-        open_step = left_open(unfinished, kick_owner(sim.effects) is not None)
+        open_step = open_step_of(unfinished, kick_owner(sim.effects) is not None)
         del unfinished  # to free memory
         with sim.closed() as state:
             extra = gathered_columns(comm, state, columns(state, sim.effects.values()), "ids", divided)

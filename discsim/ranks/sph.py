@@ -14,7 +14,7 @@ from collections import deque
 import numpy as np
 
 from discsim.kernels.common.neighbours import FIRST, REACH
-from discsim.kernels.mpi.halo import EITHER, all_there, mark_cells
+from discsim.kernels.mpi.halo import EITHER, cells_within_halo, mark_cells
 from discsim.numerics import world
 from discsim.numerics.neighbours import cells_in, corners_of_cells, keys_in
 from discsim.numerics.sph import Around, Points, Sph
@@ -90,7 +90,7 @@ class DividedSph(Sph):
 
         Each rank tests its own cells. Cells that reach only cells without ghosts may be wider than the halo.
         """
-        some = self.left[~all_there(self.left, self.cells, self.alone)]
+        some = self.left[~cells_within_halo(self.left, self.cells, self.alone)]
         self.needed = max(self.needed, world.together.most(self._widest(some)))
         return self.needed <= self.room
 

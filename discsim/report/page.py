@@ -16,7 +16,7 @@ import jinja2
 
 from discsim import __version__
 from discsim.output.costtable import read_costs
-from discsim.output.files import refuse_special, written
+from discsim.output.files import refuse_special, replace_atomically
 from discsim.output.history import read_history
 from discsim.parts import EFFECTS, SCHEMES
 from discsim.preview.check import effect_lines
@@ -68,7 +68,7 @@ def write_report(directory: Path, path: Path) -> None:
         command=printable(f"discsim run {directory / 'scene.toml'} -o {directory}-again"),
         versions=_versions(directory / "run.log"),
     )
-    with written(path) as temporary:
+    with replace_atomically(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
 

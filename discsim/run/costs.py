@@ -9,7 +9,7 @@ from pathlib import Path
 
 from discsim.numerics.thread_pool import cpu_time
 from discsim.output.costtable import COLUMNS
-from discsim.output.files import written
+from discsim.output.files import replace_atomically
 
 
 class Costs:
@@ -61,5 +61,5 @@ class Costs:
 
     def write(self, path: Path) -> None:
         """Write the table as CSV; the file appears at `path` only when it is complete."""
-        with written(path) as temporary, temporary.open("w", newline="") as file:
+        with replace_atomically(path) as temporary, temporary.open("w", newline="") as file:
             csv.writer(file).writerows(self.rows())

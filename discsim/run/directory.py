@@ -14,7 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from discsim.output.files import PARTS, keep_names, written
+from discsim.output.files import PARTS, fsync_directory, replace_atomically
 from discsim.parts import Lazy
 from discsim.printable import UserError
 from discsim.scene import Scene, tomltext
@@ -124,7 +124,7 @@ def with_own_files(scene: Scene, directory: Path, made: list[Path]) -> Scene:
         path = directory / f"{table}{file.path.suffix}"
         if file.path != path.absolute():
             made += [] if os.path.lexists(path) else [path]
-            with written(path) as temporary:
+            with replace_atomically(path) as temporary:
                 parts.copy(file.path, path, temporary, made)
         values.append(([table, key], path.name))
         tomltext.with_value(data, [table, key], path.name)
@@ -161,7 +161,7 @@ def held(directory: Path) -> Iterator[bool]:
     absent = [folder for folder in (directory, *directory.parents) if not folder.exists()]
     directory.mkdir(parents=True, exist_ok=True)
     for folder in absent:
-        keep_names(folder.parent)
+        fsync_directory(folder.parent)
     path = directory / ".lock"
     file = _locked(path)
     try:

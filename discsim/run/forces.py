@@ -179,12 +179,12 @@ def acceleration_of(effect: Effect, state: State) -> dict[str, np.ndarray]:
 def limits_of(state: State, effects: Effects) -> tuple[dict[str, float], Limits]:
     """Return the step limit of each effect, and the least of all."""
     limits = _least_of_all({name: effect.limit(state) for name, effect in effects.items()})
-    least = Limits(*_least(limits), growing=min(_growing(effects[name], limit) for name, limit in limits.items()))
+    least = Limits(*_least(limits), growing=min(_unstable_step(effects[name], limit) for name, limit in limits.items()))
     if state.unnoticed:
         # The limit of dust is 1 / frequency. A circular orbit keeps its energy to 12% in such steps, to 1% in half.
         of_dust = _least_of_all(
             {
-                name: _growing(effect, effect.limit_of(state, "dust")) / Effect.grows_at
+                name: _unstable_step(effect, effect.limit_of(state, "dust")) / Effect.grows_at
                 for name, effect in effects.items()
             }
         )
@@ -193,7 +193,7 @@ def limits_of(state: State, effects: Effects) -> tuple[dict[str, float], Limits]
     return limits, least
 
 
-def _growing(effect: Effect, limit: float) -> float:
+def _unstable_step(effect: Effect, limit: float) -> float:
     """Return the step above which errors grow without end in what an effect limits.
 
     The result is inf if they grow at no step, even for a limit of 0.

@@ -93,7 +93,7 @@ class _Rings:
         self.radius = self.mean(place)
         self.radial, self.turned = np.zeros_like(self.radius), np.zeros_like(self.radius)
         at = np.stack([self.radius, np.zeros_like(self.radius)], axis=1)
-        self.spin = self.radius * self.balance.alone(at)[1]
+        self.spin = self.radius * self.balance.without_drag(at)[1]
         self.forces()
 
     def mean(self, values: Array) -> Array:
@@ -147,7 +147,7 @@ class _Rings:
         inside = np.clip(self.radius, disc.inner, disc.outer)
         at = np.stack([inside, np.zeros_like(inside)], axis=1)
         radial, azimuthal = self.balance.velocities("gas", at, None)
-        azimuthal = self.spin / self.radius + azimuthal - self.balance.alone(at)[1]
+        azimuthal = self.spin / self.radius + azimuthal - self.balance.without_drag(at)[1]
         out = self.alone.gas.pos / self.radius[self.ring][:, None]
         across = np.stack([-out[:, 1], out[:, 0]], axis=1)
         return radial[self.ring][:, None] * out + azimuthal[self.ring][:, None] * across

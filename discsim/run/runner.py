@@ -16,8 +16,8 @@ from discsim.initial import start_time
 from discsim.jit import cache
 from discsim.output import hdf5
 from discsim.output.checkpoint import OtherVersionWarning, Scalar, Values, other_version, write_checkpoint
-from discsim.output.files import command, written
-from discsim.output.open_step import left_open
+from discsim.output.files import command, replace_atomically
+from discsim.output.open_step import open_step_of
 from discsim.output.parts import tidy
 from discsim.output.snapshot import write_snapshot
 from discsim.preview.cautions import warnings
@@ -252,7 +252,7 @@ class Run:
         folder = self.directory / "snapshots"
         sweep(self.directory)
         self.checkpoints.settle()
-        with written(self.directory / "scene.toml") as temporary:
+        with replace_atomically(self.directory / "scene.toml") as temporary:
             temporary.write_text(self.scene.text, encoding="utf-8")
         self.copied.clear()  # the scene file in the directory refers to the copies now
         folder.mkdir(exist_ok=True)
@@ -324,7 +324,7 @@ class Run:
     def _output(self) -> None:
         """Write the next snapshot, with its row and the costs so far."""
         sim = self.sim
-        open_step = left_open(sim.state, kick_owner(sim.effects) is not None)
+        open_step = open_step_of(sim.state, kick_owner(sim.effects) is not None)
         with sim.closed() as state:
             extra = columns(state, sim.effects.values())
             gas = with_present_pressure(state)
@@ -391,7 +391,7 @@ class Run:
         """Draw the figure of the last snapshot; the file appears only when it is complete."""
         from discsim.output.figure import last_state_figure  # slow to import, and needed only here
 
-        with written(self.figure, ".png") as temporary:
+        with replace_atomically(self.figure, ".png") as temporary:
             last_state_figure(self._snapshot(self.snapshots - 1), temporary)
 
     def _cost(self) -> str:

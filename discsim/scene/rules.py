@@ -18,15 +18,15 @@ from discsim.scene.fields import MOST_SNAPSHOTS
 if TYPE_CHECKING:
     from discsim.initial.base import Start
 
-ORBITS = 2.2  # times the limits of star and companions; steps of 2.4 times these limits eject particles
+COURANT_ORBITS = 2.2  # times the limits of star and companions; steps of 2.4 times these limits eject particles
 # Artificial viscosity with alpha = DAMPING stabilises steps longer by the fraction DAMPED; less alpha, in proportion.
 DAMPING, DAMPED = 0.3, 0.5
 
 # Times the limit of alpha_viscosity: velocities on a lattice grow in steps of 0.82 times that limit. Sound, which this
 # viscosity damps, is stable up to 1.05 times or more, so this bound is the lower one for every kernel.
-VISCOUS = 0.72
+COURANT_VISCOUS = 0.72
 # With reconstructed velocities: at 0.7, discs of adiabatic gas with dust reach negative energies.
-WARM = 0.6
+COURANT_ADIABATIC = 0.6
 
 Problem = tuple[tuple[str | int, ...], str]
 Rule = Callable[["Draft"], Iterator[Problem]]
@@ -213,17 +213,17 @@ def longest_courant(draft: Draft) -> tuple[float, str]:
     """
     gas, found = draft.gas, (math.inf, "")
     if draft.has("star") and not draft.has("background"):  # in a given disc circular orbits are exact
-        found = (ORBITS, "orbits about the star are thrown out")
+        found = (COURANT_ORBITS, "orbits about the star are thrown out")
     if gas and not (draft.start and draft.start.uniform):
         braked = gas.viscosity is not None and gas.viscosity.acts_in_shear
         kernel, alpha = SMOOTHING[gas.kernel], gas.viscosity.alpha if braked else 0.0
         sound = 2.0 / kernel.fastest[draft.dimensions - 1] * (1.0 + DAMPED * min(1.0, alpha / DAMPING))
         if draft.has("alpha_viscosity"):
-            found = (VISCOUS, "velocities of viscous gas grow")
+            found = (COURANT_VISCOUS, "velocities of viscous gas grow")
         elif sound < found[0]:
             found = (sound, f'sound between particles of kernel "{gas.kernel}" grows')
-        if draft.eos.holds_heat and gas.viscosity is not None and not braked and found[0] > WARM:
-            found = (WARM, "cold gas loses more heat than it has")
+        if draft.eos.holds_heat and gas.viscosity is not None and not braked and found[0] > COURANT_ADIABATIC:
+            found = (COURANT_ADIABATIC, "cold gas loses more heat than it has")
     return found
 
 

@@ -19,7 +19,7 @@ from statistics import fmean
 from rich.console import Console
 
 from discsim import __version__
-from discsim.output.files import appended, written
+from discsim.output.files import appended, replace_atomically
 from discsim.preview.accuracy import learn
 from discsim.printable import printable
 from discsim.scene import load_scene, near
@@ -263,7 +263,7 @@ class Cheapest:
             show(self, console)
         say(text.get().rstrip())
         if any(trial.runs for trial in self.bench.trials.values()):
-            with written(self.directory / "cost.png", ".png") as temporary:
+            with replace_atomically(self.directory / "cost.png", ".png") as temporary:
                 frontier_figure(self, temporary)
             say(f"figure {printable(self.directory / 'cost.png')}")
             self._learn()
@@ -344,7 +344,7 @@ class Cheapest:
             f"# {self.measure.name}: error {percent(self.found.error)}, {self.found.cpu:.3g} s of CPU on one thread; "
             f"changed: {printable(', '.join(changes) or 'nothing')}\n"
         )
-        with written(self.directory / "cheapest.toml") as temporary:
+        with replace_atomically(self.directory / "cheapest.toml") as temporary:
             temporary.write_text(head + text, encoding="utf-8")
 
 

@@ -15,7 +15,7 @@ from typing import Any
 from rich.console import Console
 
 from discsim import __version__
-from discsim.output.files import appended, written
+from discsim.output.files import appended, replace_atomically
 from discsim.printable import printable
 from discsim.scene.units import clock
 from discsim.study.findings import show
@@ -120,7 +120,7 @@ class Study:
             raise StudyError(f"no run came to its end; that with {label_of(self.points[0].settings)} was {stopped}")
         from discsim.study.costfigure import cost_figure  # imported here, as it is slow
 
-        with written(self.directory / "cost.png", ".png") as temporary:
+        with replace_atomically(self.directory / "cost.png", ".png") as temporary:
             cost_figure(self, temporary)
         with console.capture() as text:
             show(self, console)
@@ -156,7 +156,7 @@ class Study:
         keys = [key for each in self.varied for key in each.keys]
         species = sorted({kind for point in self.points for kind in point.errors})
         kept = ("mass", "momentum", "angular_momentum", "energy")
-        with written(self.directory / "cost.csv") as temporary, temporary.open("w", newline="") as file:
+        with replace_atomically(self.directory / "cost.csv") as temporary, temporary.open("w", newline="") as file:
             rows = csv.writer(file)
             head = ["runs", "cpu_seconds", "cpu_least", "cpu_most", "steps", "updates", "error"]
             rows.writerow([*keys, *head, *(f"error_{kind}" for kind in species), *kept, "front", "status"])

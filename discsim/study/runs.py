@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from discsim.effects.base import SORT_EVERY
-from discsim.output.files import appended, written
+from discsim.output.files import appended, replace_atomically
 from discsim.run.progress import LINE_EVERY
 from discsim.scene import Scene, SceneError, load_scene
 from discsim.study.points import Settings, StudyError, label_of
@@ -80,7 +80,7 @@ class Runs:
             raise StudyError(f"{self.directory}: holds a study of another scene, or of other keys; expected another -o")
         found = [_entry(path, number, line, "settings") for number, line in enumerate(lines[1:], 2)]
         if whole != text:
-            with written(path) as temporary:
+            with replace_atomically(path) as temporary:
                 temporary.write_text(whole, encoding="utf-8")
         return [(run.pop("settings"), run) for run in found]
 

@@ -21,7 +21,7 @@ from rich.console import Console
 from rich.table import Table
 
 from discsim import __version__
-from discsim.output.files import written
+from discsim.output.files import replace_atomically
 from discsim.printable import printable
 from discsim.run.directory import only_begun, scene_there
 from discsim.scene import load_scene
@@ -94,7 +94,7 @@ class Sweep:
             raise RunError(given_up[0])
         from discsim.study.sweepfigure import sweep_figure  # imported here, as it is slow
 
-        with written(self.directory / "sweep.png", ".png") as temporary:
+        with replace_atomically(self.directory / "sweep.png", ".png") as temporary:
             sweep_figure(self, temporary)
         console.print(self.table())
         say(f"table {printable(self.directory / 'sweep.csv')}")
@@ -165,7 +165,7 @@ class Sweep:
 
     def write(self) -> None:
         """Write sweep.csv; the file appears when it is complete."""
-        with written(self.directory / "sweep.csv") as temporary, temporary.open("w", newline="") as file:
+        with replace_atomically(self.directory / "sweep.csv") as temporary, temporary.open("w", newline="") as file:
             rows = csv.writer(file)
             rows.writerow([*self.keys, *(each.head for each in self.measures), "status", "directory"])
             for point, folder in zip(self.points, self.folders, strict=True):

@@ -198,7 +198,7 @@ def test_balance_of_a_viscous_irradiated_disc(opacity):
     else:
         kappa = u.Quantity(opacity).cgs.value
     tau = 0.5 * kappa * sigma.value
-    wanted = (irradiated**4 + heat * sigma * physics.depth(tau) / 2.0 / constants.sigma_sb).to(u.K**4) ** 0.25
+    wanted = (irradiated**4 + heat * sigma * physics.effective_depth(tau) / 2.0 / constants.sigma_sb).to(u.K**4) ** 0.25
     np.testing.assert_allclose(found.value, wanted.value, rtol=1e-3)
     assert (found > 1.005 * irradiated).any()
 
@@ -224,7 +224,7 @@ def test_hot_gas_shines_through_the_molecules_of_its_midplane():
     rho = (sigma * omega / np.sqrt(2 * np.pi * constants.k_B * temperature / mean)).cgs.value
     kappa = 1e-8 * rho ** (2 / 3) * temperature.value**3
     tau = 0.5 * kappa * sigma.value
-    rate = (2.0 * constants.sigma_sb * temperature**4 / physics.depth(tau) / sigma).cgs
+    rate = (2.0 * constants.sigma_sb * temperature**4 / physics.effective_depth(tau) / sigma).cgs
     dt = (3e-4 * heat / rate).min()
     lost = gas.u - sim.state.cooled(gas, dt.cgs.value / units.cgs("time"))
     assert (tau > 0.1).all()
@@ -269,7 +269,7 @@ def test_a_viscous_irradiated_disc_comes_to_its_balance():
         wanted = found
         for _ in range(60):  # the heat that this temperature makes, and the temperature that this heat makes
             heat = 2.25 * alpha * constants.k_B * wanted / mean * omega * sigma  # (9/4) nu Sigma Omega^2
-            depth = physics.depth(0.5 * kappa * sigma.value)
+            depth = physics.effective_depth(0.5 * kappa * sigma.value)
             wanted = (irradiated**4 + (heat * depth / 2.0 / constants.sigma_sb).to(u.K**4)) ** 0.25
         assert (wanted > 2.0 * irradiated)[(place > 7.0) & (place < 9.5)].all()  # of the 2% light alone has 1/16
         return place, found.value, wanted.value

@@ -7,7 +7,7 @@ from scipy.optimize import brentq
 
 from discsim.exact import cooling as exact
 from discsim.kernels.sph import cooling as kernels
-from discsim.physics.cooling import depth
+from discsim.physics.cooling import effective_depth
 
 HERE = np.array([[1.0, 0.0]])
 UNIT = np.array([1.0, 1e-7, 2.0 / 3.0, 1000.0, 1.0])  # temperatures of 1000 K, densities of 1e-7 g/cm3 at H = 1
@@ -33,7 +33,7 @@ def light(u, settled, rate, dt, opacity=3.0, times=1):
     return u
 
 
-STRENGTH = 1.0 / (COLUMN * depth(0.5 * 3.0 * COLUMN))  # of u^4 at an opacity of 3
+STRENGTH = 1.0 / (COLUMN * effective_depth(0.5 * 3.0 * COLUMN))  # of u^4 at an opacity of 3
 
 
 @pytest.mark.parametrize("ratio", 10.0 ** np.arange(-6, 7))
@@ -77,7 +77,7 @@ def test_a_stiff_zone_ends_where_heating_and_cooling_balance(opacity, rate):
             rho = UNIT[1] * COLUMN / np.sqrt(2.0 * np.pi * UNIT[2] * u)
             kernels.opacities(0, 1, np.array([rho]), np.array([UNIT[3] * u]), found)
             kappa = found[0]
-        return rate - (u**4 - 0.5**4) / (COLUMN * depth(0.5 * kappa * COLUMN))
+        return rate - (u**4 - 0.5**4) / (COLUMN * effective_depth(0.5 * kappa * COLUMN))
 
     for start in (1e-3, 1e3):
         found = light(start, 0.5, rate, 1e15, opacity)

@@ -10,7 +10,7 @@ import numpy as np
 from discsim import Simulation, read_snapshot
 from discsim.numerics import thread_pool, threads
 from discsim.output.checkpoint import read_checkpoint
-from discsim.output.open_step import left_open
+from discsim.output.open_step import open_step_of
 from discsim.output.snapshot import write_snapshot
 from discsim.run.forces import kick_owner
 from discsim.scene import load_scene
@@ -208,7 +208,7 @@ def contents(directory):
 
 def put_out(sim, path):
     """The snapshot that a run writes of a simulation between two steps."""
-    step = left_open(sim.state, kick_owner(sim.effects) is not None)
+    step = open_step_of(sim.state, kick_owner(sim.effects) is not None)
     with sim.synchronised() as state:
         write_snapshot(path, sim.scene, state.time, state.gas, state.dust, {}, state.bodies, step)
 

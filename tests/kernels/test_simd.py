@@ -6,10 +6,10 @@ from numba import njit
 
 from discsim.kernels.common import simd
 from discsim.kernels.common.simd import LANES, extract, horizontal_sums, load, sqrt, store, zeros
-from discsim.kernels.drag.tsc.columns import NORMS, ROOM, filled, find_slots, leave_out, weigh
+from discsim.kernels.drag.tsc.columns import NORMS, ROOM, filled, find_slots, renormalise_weights, weigh
 from discsim.kernels.drag.tsc.gather import give, own_moments
 from discsim.kernels.drag.tsc.nodes import BX, BY, FIELDS, MASS, RHO
-from discsim.kernels.drag.tsc.weights import cloud, to_polynomial, value_at
+from discsim.kernels.drag.tsc.weights import cloud, evaluate, to_polynomial
 
 
 @njit
@@ -78,7 +78,7 @@ def nine(x, y, flat):
 def polynomial(values, x, y, flat):
     table = values.copy()
     to_polynomial(table, 0, flat)
-    row = value_at(table, 0, x, y)
+    row = evaluate(table, 0, x, y)
     return np.array([extract(row, k) for k in range(LANES)])
 
 
@@ -135,7 +135,7 @@ def test_what_a_cell_gives_is_the_sum_over_its_particles(count, flat, dense, sou
 @njit
 def left_out(n, about, sums, column, room):
     weigh(n, False, 0, column, room)
-    leave_out(0, n, about, sums, 0, column, room)
+    renormalise_weights(0, n, about, sums, 0, column, room)
 
 
 def test_no_weight_on_nodes_without_gas():

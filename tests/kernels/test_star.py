@@ -19,7 +19,7 @@ def test_positions_are_divided_by_their_distance(radius):
     pos = rng.uniform(-1.0, 1.0, (NUMBER, 2))
     pos[SOME : 2 * SOME] += np.where(rng.random(SOME) < 0.5, -1.5, 1.5)[:, None]
     first, last = 3, NUMBER - 1
-    least, inside = star.divide(first, last, pos, radius**2, 0.1, 0.0)
+    least, inside = star.split_by_radius(first, last, pos, radius**2, 0.1, 0.0)
     distance2 = ((pos[:, 0] - 0.1) ** 2 + pos[:, 1] ** 2)[first:last]
     np.testing.assert_array_equal(inside, first + np.flatnonzero(distance2 < radius**2))
     assert least == pytest.approx(distance2[distance2 >= radius**2].min(initial=np.inf), rel=1e-14)
@@ -32,9 +32,9 @@ def test_the_nearest_is_found_wherever_it_is(number):
         pos = np.full((number, 2), [3.0, 4.0])
         pos[which] = 0.0, 1.0
         assert star.nearest(0, number, pos, 0.0, 0.0) == 1.0
-        least, inside = star.divide(0, number, pos, 0.5, 0.0, 0.0)
+        least, inside = star.split_by_radius(0, number, pos, 0.5, 0.0, 0.0)
         assert least == 1.0 and len(inside) == 0
-        least, inside = star.divide(0, number, pos, 2.0, 0.0, 0.0)
+        least, inside = star.split_by_radius(0, number, pos, 2.0, 0.0, 0.0)
         assert least == (25.0 if number > 1 else np.inf) and inside.tolist() == [which]
 
 

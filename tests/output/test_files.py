@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 
 from discsim.output.checkpoint import read_checkpoint, write_checkpoint
-from discsim.output.files import written
+from discsim.output.files import replace_atomically
 
 
 def test_what_fails_leaves_what_was_there(tmp_path):
     path = tmp_path / "a.txt"
     for text in ("one", "two"):
-        with written(path, ".txt") as temporary:
+        with replace_atomically(path, ".txt") as temporary:
             temporary.write_text(text)
             assert temporary.suffix == ".txt"
-    with pytest.raises(KeyboardInterrupt), written(path) as temporary:
+    with pytest.raises(KeyboardInterrupt), replace_atomically(path) as temporary:
         temporary.write_text("half")
         raise KeyboardInterrupt
     assert path.read_text() == "two" and [*tmp_path.iterdir()] == [path]

@@ -13,7 +13,7 @@ import discsim
 from discsim import Simulation
 from discsim.cli import app
 from discsim.output.checkpoint import write_checkpoint
-from discsim.output.files import appended, written
+from discsim.output.files import appended, replace_atomically
 from discsim.run.runner import run_scene
 
 KINDS = {"a FIFO": os.mkfifo, "a symbolic link": lambda path: path.symlink_to(path.parent / "kept"),
@@ -63,7 +63,7 @@ def test_a_checkpoint_does_not_replace_what_is_no_plain_file(target, tmp_path):
 
 def test_what_becomes_no_plain_file_meanwhile_is_not_replaced(tmp_path):
     path = tmp_path / "a.txt"
-    with pytest.raises(OSError, match="is a FIFO"), written(path) as temporary:
+    with pytest.raises(OSError, match="is a FIFO"), replace_atomically(path) as temporary:
         temporary.write_text("new")
         os.mkfifo(path)
     assert mode_of(path) == stat.S_IFIFO and [*tmp_path.iterdir()] == [path]

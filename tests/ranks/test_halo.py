@@ -18,15 +18,15 @@ from discsim.kernels.mpi.batches import BATCH
 from discsim.kernels.mpi.halo import (
     EITHER,
     add_blocks,
-    all_there,
     batches_near,
+    cells_within_halo,
     cut_blocks,
-    in_runs,
     mark_blocks,
     mark_cells,
     mark_held,
     mark_leaves,
     number_runs,
+    particles_in_runs,
 )
 from discsim.kernels.mpi.tiles import leave_own, others_about
 from discsim.numerics import alloc
@@ -116,7 +116,7 @@ def test_cells_that_reach_others_are_not_alone(periodic):
     there[cells.key[strangers]] = False
     some = cells.filled[::3]
     widen(some, 2.0, h, cells)
-    alone = all_there(some, cells, there)
+    alone = cells_within_halo(some, cells, there)
     away = np.abs(pos[strangers][None] - cells.bounds[some][:, None, :2])
     if periodic:
         away = np.minimum(away, 1.0 - away)
@@ -188,7 +188,7 @@ def test_particles_in_runs_of_cells(of):
     key = rng.integers(0, 300 if of else 200, 1000).astype(np.uint32)
     wanted, some = held[cells[key] if of else key], np.array([0, 2, 3, 6, 7])  # batches, of which the last is short
     wanted &= np.isin(np.arange(1000) // BATCH, some)
-    parts = [in_runs(0, 3, some, key, cells, number), in_runs(3, 5, some, key, cells, number)]
+    parts = [particles_in_runs(0, 3, some, key, cells, number), particles_in_runs(3, 5, some, key, cells, number)]
     found, numbers = (np.concatenate(each) for each in zip(*parts, strict=True))
     np.testing.assert_array_equal(found, np.flatnonzero(wanted))
     np.testing.assert_array_equal(numbers, number[cells[key[found]] if of else key[found]])

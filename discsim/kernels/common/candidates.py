@@ -44,7 +44,7 @@ class Block(NamedTuple):
     slab: np.ndarray
 
 
-class Some(NamedTuple):
+class CellCandidates(NamedTuple):
     """Candidates of one cell in the order in which they are found, with the slab and the run of each."""
 
     slots: np.ndarray
@@ -184,7 +184,7 @@ def count_slabs(found, slab, begin):
 
 
 @inline_jit
-def turn(turns, run, turned, to):
+def write_image_shift(turns, run, turned, to):
     """Write the periodic shift of a candidate of a run, in box lengths."""
     turned[0, to], turned[1, to] = turns[run, 0], turns[run, 1]
 
@@ -219,10 +219,10 @@ def list_some(at, first, last, filled, bounds, extent, mutual, in_slabs, cells, 
                 slabs[slab] += ONE_MORE
                 listed.slots[to] = slots[k]
                 if crossing:
-                    turn(turns, some.runs[k], listed.turned, to)
+                    write_image_shift(turns, some.runs[k], listed.turned, to)
         elif crossing:
             for k in range(found):
-                turn(turns, some.runs[k], listed.turned, index(begin + k))
+                write_image_shift(turns, some.runs[k], listed.turned, index(begin + k))
     return last, 0, 0, 0
 
 
@@ -242,7 +242,7 @@ def list_candidates(first, last, filled, bounds, extent, mutual, in_slabs, cells
     )
     runs, turns = np.empty((64, 2), np.int64), np.empty((64, 2), np.int64)
     block = Block(np.empty(BLOCK), np.empty(BLOCK, np.int32))
-    some = Some(np.empty(1024, np.uint32), np.empty(1024, np.int32), np.empty(1024, np.int32))
+    some = CellCandidates(np.empty(1024, np.uint32), np.empty(1024, np.int32), np.empty(1024, np.int32))
     at = first
     while at < last:
         at, count, held, room = list_some(
@@ -251,7 +251,7 @@ def list_candidates(first, last, filled, bounds, extent, mutual, in_slabs, cells
         if count > len(runs):
             runs, turns = np.empty((2 * count, 2), np.int64), np.empty((2 * count, 2), np.int64)
         if held + 3 > len(some.slots):
-            some = Some(
+            some = CellCandidates(
                 np.empty(2 * held + 3, np.uint32), np.empty(2 * held + 3, np.int32), np.empty(2 * held + 3, np.int32)
             )
         if room > len(listed.slots):
@@ -288,7 +288,7 @@ def window(n, dx, reach, per_length, begin, end, listed):
 
 
 @njit(nogil=True, inline="always")
-def place(c, begin, end, listed, ox, oy, per_length, cells, cx, cy):
+def pack_positions(c, begin, end, listed, ox, oy, per_length, cells, cx, cy):
     """Write the positions of the candidates `begin` to `end` of the c-th cell, from (ox, oy) and times `per_length`."""
     x, y, slots, turned = cells.x, cells.y, listed.slots, listed.turned
     first, count = index(begin), index(end - begin)

@@ -64,7 +64,7 @@ class Corners(NamedTuple):
     period: np.ndarray
 
 
-class Room(NamedTuple):
+class BlockScratch(NamedTuple):
     """Scratch for one block.
 
     p: packed particles, gas first. o: quantities of each species and, in the last row, of all. bound: first packed
@@ -268,7 +268,7 @@ def mean_by_mass(values, mass, order, first, last):
 
 
 @inline_jit
-def take(block, gas, dust, blocks, law, linear, frame, room):
+def load_block(block, gas, dust, blocks, law, linear, frame, room):
     """Pack a block and compute the quantities of each species; return gas density, sound speed and Omega."""
     n, p, o, bound = len(room.mass), room.p, room.o, room.bound
     g0, g1 = gas.start[block], gas.start[block + 1]
@@ -335,7 +335,7 @@ def relax(law, linear, nonlinear, several, rho, sound, omega, dim, room):
 
 
 @inline_jit
-def give(block, gas, dust, law, room, heat):
+def apply_changes(block, gas, dust, law, room, heat):
     """Change the velocities of the particles of a block, and heat its gas."""
     n, p, o, bound, heated = len(room.mass), room.p, room.o, room.bound, len(heat) > 0
     g0, g1 = gas.start[block], gas.start[block + 1]
@@ -372,9 +372,9 @@ def relax_block(block, gas, dust, blocks, law, linear, nonlinear, several, frame
         for s in range(dust.number):
             times[block, s] = np.inf
         return
-    rho, sound, omega = take(block, gas, dust, blocks, law, linear, frame, room)
+    rho, sound, omega = load_block(block, gas, dust, blocks, law, linear, frame, room)
     relax(law, linear, nonlinear, several, rho, sound, omega, gas.pos.shape[1], room)
-    give(block, gas, dust, law, room, heat)
+    apply_changes(block, gas, dust, law, room, heat)
     for s in range(dust.number):
         times[block, s] = room.time[s + 1]
 
@@ -397,7 +397,7 @@ def relax_blocks(block_from, block_to, gas, dust, blocks, law, linear, nonlinear
     of each gas particle to `heat` (n,), unless this is empty.
     """
     n, dim = dust.number + 1, gas.pos.shape[1]
-    room = Room(
+    room = BlockScratch(
         np.empty((ROWS, most_in(block_from, block_to, gas, dust))), np.zeros((n + 1, NUMBERS)),
         np.empty(n + 1, np.int64), np.empty(n), np.empty(n), np.empty((n, dim)), np.empty((n, dim)), np.empty((n, dim)),
         np.empty(n), np.empty((n, ROOM)),

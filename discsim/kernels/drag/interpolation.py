@@ -44,7 +44,7 @@ def seen_by_gas(first, last, by_gas, begin, dust, weight, time, dmass, drho, dve
 
 
 @jit
-def follow(first, last, rate, other, now, acc, dt, implicit, vel, heat):
+def kick_towards(first, last, rate, other, now, acc, dt, implicit, vel, heat):
     """Kick over dt, with drag from velocities `now` towards `other` (n, d) at `rate` (n,), explicitly or implicitly.
 
     Adds the work of the drag per mass to `heat` (n,), unless empty.

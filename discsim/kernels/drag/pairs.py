@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 
 from discsim.jit.decorators import jit, jit_no_alloc
-from discsim.kernels.common.candidates import most_of, place
+from discsim.kernels.common.candidates import most_of, pack_positions
 from discsim.kernels.drag.frame import kepler
 from discsim.kernels.drag.laws import hastening, stopping_time
 from discsim.kernels.drag.relax import response
@@ -37,7 +37,7 @@ def list_pairs(first, last, lists, dust_cells, cells, pos, radius, start, gas, o
     for c in range(first, last):
         cell, listed, end = dust_cells.filled[c], begin[c - first], begin[c - first + 1]
         ox, oy = dust_cells.bounds[cell, 0], dust_cells.bounds[cell, 1]
-        place(c - first, listed, end, lists, ox, oy, 1.0, cells, cx, cy)
+        pack_positions(c - first, listed, end, lists, ox, oy, 1.0, cells, cx, cy)
         for m in range(dust_cells.start[cell], dust_cells.start[cell + 1]):
             j = dust_cells.order[m]
             found = 0
@@ -267,7 +267,7 @@ def most_shares(first, last, begin, order, mine, one, other, both):
 
 
 @jit
-def hold_back(first, last, start, gas, both, gas_both, impulse):
+def limit_impulses(first, last, start, gas, both, gas_both, impulse):
     """Scale impulses down to where they cannot create kinetic energy (`drag/lab14.py`)."""
     for j in range(first, last):
         for k in range(start[j], start[j + 1]):
@@ -299,7 +299,7 @@ def pull_gas(first, last, by_gas, begin, impulse, mass, vel):
 
 
 @jit
-def warm(first, last, by_gas, begin, dust, impulse, mass, mean, gmean, heat):
+def add_pair_heat(first, last, by_gas, begin, dust, impulse, mass, mean, gmean, heat):
     """Add the heat per mass that pairs leave in a gas particle to `heat`.
 
     It is -impulse . slip, at velocities halfway through the kick: the whole loss of kinetic energy apart from the

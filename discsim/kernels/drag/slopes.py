@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 
 from discsim.jit.decorators import FAST, KERNEL, kept
-from discsim.kernels.common.candidates import most_of, place
+from discsim.kernels.common.candidates import most_of, pack_positions
 from discsim.kernels.drag.lines import solve
 from discsim.kernels.sph.smoothing import SUPPORT, shape
 
@@ -52,7 +52,7 @@ def slope_driver(kernel: int, dim: int):
             cell, listed, end = cells.filled[c], begin[c - first], begin[c - first + 1]
             ox, oy = cells.bounds[cell, 0], cells.bounds[cell, 1]
             n = end - listed
-            place(c - first, listed, end, lists, ox, oy, 1.0, cells, cx, cy)
+            pack_positions(c - first, listed, end, lists, ox, oy, 1.0, cells, cx, cy)
             for k in range(n):
                 j = order[slots[listed + k]]
                 cvx[k], cm[k] = vel[j, 0], mass[j]

@@ -214,7 +214,7 @@ def rest_of_drag(path, rate, v, w):
 
 
 @jit_subroutine
-def powers(x, answer):
+def collocation_means(x, answer):
     """Return the means over s in [0, 1] of exp(x (s - 1)) times s, s^2 / 2, (1 - s) s and (1 - s) s^2 / 2.
 
     `answer` is responses(x).
@@ -248,7 +248,7 @@ def at_end(f, s):
 
 
 @jit_subroutine
-def gained(n1, n2, weights, turned, turn, dt):
+def velocity_from_n(n1, n2, weights, turned, turn, dt):
     """Return the radial and azimuthal velocity from N1 and N2 in dt; `turn` couples the azimuthal to the radial one."""
     radial = n1[0] * weights[0] + n2[0] * weights[1]
     spun = n1[1] * turned[0] + n2[1] * turned[1]
@@ -272,9 +272,9 @@ def step_by_speed(delta, m, path, a_r, a_phi, spin, dt):
     # The solution without N.
     d1, m1 = relax(delta, m, time, half, a_r, a_phi, spin, r, 0.5 * dt)
     d2, m2 = relax(delta, m, time, whole, a_r, a_phi, spin, r, dt)
-    first, second, turned, turned2 = powers(0.5 * x, half)
+    first, second, turned, turned2 = collocation_means(0.5 * x, half)
     b1, c1 = at_middle(first, second), at_middle(turned, turned2)
-    first, second, turned, turned2 = powers(x, whole)
+    first, second, turned, turned2 = collocation_means(x, whole)
     b2, c2 = at_end(first, second), at_end(turned, turned2)
     turn = 2.0 * (spin + m1) / (r * r) * dt
     v1 = w1 = v2 = w2 = change = left = 0.0
@@ -283,8 +283,8 @@ def step_by_speed(delta, m, path, a_r, a_phi, spin, dt):
         n1 = rest_of_drag(path, rate, d1 + v1, m1 / r + w1)
         n2 = rest_of_drag(path, rate, d2 + v2, m2 / r + w2)
         before, v, w = change, v2, w2
-        v1, w1 = gained(n1, n2, b1, c1, 0.5 * turn, dt)
-        v2, w2 = gained(n1, n2, b2, c2, turn, dt)
+        v1, w1 = velocity_from_n(n1, n2, b1, c1, 0.5 * turn, dt)
+        v2, w2 = velocity_from_n(n1, n2, b2, c2, turn, dt)
         change = larger(v2 - v, w2 - w)
         # The sum of all further changes if each is smaller than the last by the same factor.
         left = change * (change / (before - change) if change < 0.5 * before else 1.0)

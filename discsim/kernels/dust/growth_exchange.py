@@ -74,7 +74,7 @@ def add_shares(x, y, n, pack, sums):
 
 
 @functools.cache
-def hand_driver(kernel: int):
+def exchange_gas_driver(kernel: int):
     """Compile the exchange for gas particles. The kernel writes the fraction of the small dust that is taken,
     `share` (n,); this over the fraction demanded, `spread` (n,); and `got` (n, 3), the mass received and the momentum
     received less that given.
@@ -134,7 +134,7 @@ def offered(x, y, bx, by, n, pack):
 
 
 @functools.cache
-def take_driver(kernel: int):
+def exchange_dust_driver(kernel: int):
     """Compile the exchange for dust particles, which changes their mass (n,) and velocities (n, 2)."""
 
     @jit_sums_alloc

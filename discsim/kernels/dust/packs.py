@@ -10,7 +10,7 @@ from numba import njit
 
 from discsim.jit.decorators import INLINE, kept
 from discsim.jit.index import index
-from discsim.kernels.common.candidates import place
+from discsim.kernels.common.candidates import pack_positions
 from discsim.kernels.common.neighbours import whole
 from discsim.kernels.sph.packs import STRIDE
 from discsim.kernels.sph.smoothing import NORM, shape
@@ -34,7 +34,7 @@ def pack_places(c, begin, end, lists, ox, oy, cells, pack):
     """Pack the positions of the candidates `begin` to `end` of the c-th cell, from (ox, oy); return their number with
     padding.
     """
-    place(c, begin, end, lists, ox, oy, 1.0, cells, pack[X * STRIDE :], pack[Y * STRIDE :])
+    pack_positions(c, begin, end, lists, ox, oy, 1.0, cells, pack[X * STRIDE :], pack[Y * STRIDE :])
     return whole(end - begin)
 
 

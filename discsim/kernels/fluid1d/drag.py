@@ -48,7 +48,7 @@ def relax_together(law, grain, sound, start, middle, after, dt, exponential, adi
 
 
 @jit
-def relax_apart(law, grain, sound, cells, dt, adiabatic, heating):
+def relax_towards_old(law, grain, sound, cells, dt, adiabatic, heating):
     """Relax each species towards the old velocity of the other, by implicit Euler over dt."""
     for i in range(cells.shape[1]):
         gas, dust = cells[MASS, i], cells[DUST_MASS, i]

@@ -46,7 +46,7 @@ def functions(beta, s):
 
 
 @inline_jit
-def after(x, y, vx, vy, mass, dt, rounds):
+def kepler_step(x, y, vx, vy, mass, dt, rounds):
     """Return position and velocity after dt, and whether Newton's method has converged within `rounds` iterations."""
     r0 = math.sqrt(x * x + y * y)
     inverse = 1.0 / r0
@@ -80,7 +80,7 @@ def in_parts(x, y, vx, vy, mass, dt):
     left, part = dt, 0.5 * dt
     for _ in range(PARTS):
         part = part if abs(part) < abs(left) else left
-        nx, ny, nvx, nvy, found = after(x, y, vx, vy, mass, part, MORE)
+        nx, ny, nvx, nvy, found = kepler_step(x, y, vx, vy, mass, part, MORE)
         if not found:
             part *= 0.5
             continue
@@ -106,7 +106,7 @@ def drift(first, last, pos, vel, masses, species, dt):
         for k in range(number):
             i = TWO * (start + k)
             mass = masses[0] if alike else masses[species[start + k]]
-            new[0, k], new[1, k], new[2, k], new[3, k], found[k] = after(
+            new[0, k], new[1, k], new[2, k], new[3, k], found[k] = kepler_step(
                 places[i], places[i + ONE], velocities[i], velocities[i + ONE], mass, dt, FEW
             )
         for k in range(number):

@@ -138,7 +138,7 @@ def nearest(begin, end, pos, x0, y0):
 
 
 @kept(**KERNEL, fastmath={"nnan", "nsz"})
-def divide(begin, end, pos, squared_radius, x0, y0):
+def split_by_radius(begin, end, pos, squared_radius, x0, y0):
     """Divide positions (n, 2) by a squared radius about (x0, y0).
 
     Returns the least squared distance of those outside, and the indices of those inside.

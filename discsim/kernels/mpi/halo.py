@@ -131,7 +131,7 @@ def number_runs(first, last, out):
 
 
 @jit
-def in_runs(first, last, some, key, of, number):
+def particles_in_runs(first, last, some, key, of, number):
     """Return the particles whose cells are in the runs counted by `number` (`number_runs`), and the numbers of these
     cells, (m,) each. Only the batches some[first:last] are searched.
 
@@ -196,14 +196,14 @@ def _leaves_between(low, high, origin, side, first, period):
 
 
 @jit
-def number_anew(first, last, number, anew):
+def renumber(first, last, number, anew):
     """Replace each `number` (n,) by its new one in `anew`, of which the last entry is for -1."""
     for i in range(first, last):
         number[i] = anew[number[i]]
 
 
 @jit
-def sides_held(leaf, own, out):
+def mark_top_blocks(leaf, own, out):
     """Mark in `out` (2, x, y) the top-level blocks that contain any block that is `own` (blocks,), and those that
     contain any other block; leaf (blocks, 2): first leaf of each block.
     """
@@ -222,7 +222,7 @@ def blocks_in(leaf, marked):
 
 
 @jit
-def along_curve(leaf, level, first, rows, begin, end):
+def block_number_ranges(leaf, level, first, rows, begin, end):
     """Write the numbers of the leaves of each block, from `begin` up to `end` (blocks,), in the whole lattice: by
     top-level blocks, of which there are `rows` along y, and within these along a Z-curve.
 
@@ -237,7 +237,7 @@ def along_curve(leaf, level, first, rows, begin, end):
 
 
 @jit
-def all_there(some, cells, there):
+def cells_within_halo(some, cells, there):
     """Return which of `some` cells reach only cells that are `there` (cells,), and nothing outside the part of a grid
     that this rank has.
     """

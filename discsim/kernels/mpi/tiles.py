@@ -127,7 +127,7 @@ def _tiles_of_some(pos, begin, n, tiles, out):
 
 
 @jit
-def pieces_of(place, held, loose, others):
+def rows_in_global_order(place, held, loose, others):
     """Return rows in the order of their `place` (n,), the index in the global order, as pieces of consecutive rows.
 
     Pieces go from `first` up to `last` (pieces,). The third result is whether the pieces have this order. `place`

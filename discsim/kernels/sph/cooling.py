@@ -131,7 +131,7 @@ def flow(u, rate, lowest, settled, column, omega, kappa, unit):
 
 
 @inline_jit
-def gains(z):
+def phi_functions(z):
     """Return phi_1 and phi_3 of z: (e^z - 1)/z and (e^z - 1 - z - z^2/2)/z^3."""
     if abs(z) < 0.05:
         third = 1.0 / 6.0 + z * (1.0 / 24.0 + z * (1.0 / 120.0 + z * (1.0 / 720.0 + z / 5040.0)))
@@ -141,7 +141,7 @@ def gains(z):
 
 
 @inline_jit
-def shone(u, rate, dt, settled, column, omega, kappa, unit):
+def radiate(u, rate, dt, settled, column, omega, kappa, unit):
     """Return u of (2) after dt."""
     if u <= 0.0:
         return max(0.0, rate * dt)
@@ -151,7 +151,7 @@ def shone(u, rate, dt, settled, column, omega, kappa, unit):
         slope, steep = flow(u, rate, lowest, settled, column, omega, kappa, unit)
         if slope == 0.0:
             return u
-        first, third = gains(max(-1e300, min(step * steep, 500.0)))
+        first, third = phi_functions(max(-1e300, min(step * steep, 500.0)))
         near = u + step * first * slope
         error = np.inf
         if near > 0.0:
@@ -180,4 +180,4 @@ def radiative(begin, end, pos, u, density, rate, dt, kappa, passive, star, softe
         d2 = r2 + softening * softening
         settled = passive[0] * max(r2, passive[2]) ** (-0.5 * passive[1])
         omega = math.sqrt(star / (d2 * math.sqrt(d2)))
-        out[i] = shone(u[i], rate[i], dt, settled, density[i], omega, kappa, unit)
+        out[i] = radiate(u[i], rate[i], dt, settled, density[i], omega, kappa, unit)

@@ -14,7 +14,7 @@ from numba import njit
 
 from discsim.jit.decorators import FAST, INLINE, jit_sums, jit_sums_single, kept
 from discsim.jit.index import index
-from discsim.kernels.common.candidates import per_slab, place, window
+from discsim.kernels.common.candidates import pack_positions, per_slab, window
 from discsim.kernels.common.neighbours import LANES, whole
 from discsim.kernels.sph.packs import (
     CHUNK,
@@ -343,7 +343,7 @@ def density_driver(kernel: int, dim: int, derived: int, single: bool):
                 clear_sums(sums, count, members)
                 for listed in range(begin[c - first], begin[c - first + 1], CHUNK):
                     end = min(listed + CHUNK, begin[c - first + 1])
-                    place(c - first, listed, end, lists, ox, oy, per_unit, cells, cx, cy)
+                    pack_positions(c - first, listed, end, lists, ox, oy, per_unit, cells, cx, cy)
                     pack_masses(dim, moving, listed, end, slots, order, vel, mass, ux, uy, per_mass, pack)
                     for p in range(count):
                         at, k, near, n = seat(p), own + p, 0, all_of(end - listed)

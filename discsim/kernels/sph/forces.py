@@ -32,7 +32,7 @@ from numba import njit
 
 from discsim.jit.decorators import jit, jit_sums, jit_sums_single
 from discsim.jit.index import index
-from discsim.kernels.common.candidates import per_slab, place, window
+from discsim.kernels.common.candidates import pack_positions, per_slab, window
 from discsim.kernels.common.neighbours import LANES, whole
 from discsim.kernels.common.simd import prefetch
 from discsim.kernels.sph.packs import (
@@ -359,7 +359,7 @@ def force_driver(
             fetch_columns(begin[c - first + 1 :], slots, columns)
             for listed in range(begin[c - first], begin[c - first + 1], CHUNK):
                 end = min(listed + CHUNK, begin[c - first + 1])
-                place(c - first, listed, end, lists, ox, oy, per_unit, cells, cx, cy)
+                pack_positions(c - first, listed, end, lists, ox, oy, per_unit, cells, cx, cy)
                 pack_columns(dim, moving, viscous, conductive, shearing, slots[listed:end], norm, frame, columns, pack)
                 for p in range(members):
                     k = own + p

@@ -200,7 +200,7 @@ def is_ragged(home, flat, about, sums):
 
 
 @inline_jit
-def leave_out(home, n, about, sums, begin, column, room):
+def renormalise_weights(home, n, about, sums, begin, column, room):
     """Set the weights on nodes without gas to 0, and normalise the others.
 
     The norm of a particle's weights is one over their sum on nodes with gas. It is 0 for padding, and where no node

@@ -11,8 +11,8 @@ from discsim.kernels.drag.tsc.columns import (
     fetch_next,
     filled,
     is_ragged,
-    leave_out,
     most_in,
+    renormalise_weights,
     take,
     weigh,
 )
@@ -101,7 +101,7 @@ def gather_species(block, part, kind, cells, nodes, frame, law, begin, column, r
     ragged = kind.first > 0 and is_ragged(home, flat, nodes.about, nodes.sums)
     for again in range(2 if ragged else 1):
         if again:
-            leave_out(home, n, nodes.about, nodes.sums, begin, column, room)
+            renormalise_weights(home, n, nodes.about, nodes.sums, begin, column, room)
         give(n, len(kind.density) > 0, len(kind.own) > 0, begin, column, room, cells.given, cell * 9 * FIELDS)
         if not again:  # before nodes without gas are left out
             own_moments(cells.given, cell * 9 * FIELDS, cells.own, cell * 3 * FIELDS)

@@ -13,7 +13,7 @@ import numpy as np
 from discsim.jit.decorators import inline_jit, jit, jit_no_alloc
 from discsim.jit.index import index
 from discsim.kernels.common.simd import LANES, extract, load, store, zeros
-from discsim.kernels.drag.tsc.columns import NORMS, ROOM, filled, is_ragged, leave_out, take, weigh
+from discsim.kernels.drag.tsc.columns import NORMS, ROOM, filled, is_ragged, renormalise_weights, take, weigh
 from discsim.kernels.drag.tsc.nodes import BX, BY_Y, FIELDS, MASS, ONE, RHO, X, Y
 
 
@@ -67,7 +67,7 @@ def take_rows(block, first, count, kind, cells, nodes, frame, law, row, share, c
         row[first + at, ONE] = 1.0
     if is_ragged(home, flat, nodes.about, nodes.sums):
         weigh(n, flat, 0, column, room)
-        leave_out(home, n, nodes.about, nodes.sums, 0, column, room)
+        renormalise_weights(home, n, nodes.about, nodes.sums, 0, column, room)
         for at in range(count):
             share[first + at] *= room[NORMS * n + at]
 

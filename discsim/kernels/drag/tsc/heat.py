@@ -6,7 +6,7 @@ from discsim.jit.decorators import inline_jit, jit, jit_no_alloc
 from discsim.kernels.common.simd import LANES, extract, load, store, zeros
 from discsim.kernels.drag.tsc.columns import filled
 from discsim.kernels.drag.tsc.nodes import BX, BY, DX, MASS, ONE, VX, VY, X, Y
-from discsim.kernels.drag.tsc.weights import brought, to_polynomial, value_at
+from discsim.kernels.drag.tsc.weights import evaluate, evaluate_lane, to_polynomial
 
 # Two vectors for the rotation at a node. First: its rate, and the rate times the centre of rotation (2). Second: the
 # rate times the gas's mean velocity half-way through the kick (2), on which the rotation does no work, and the rate
@@ -60,7 +60,7 @@ def turns_about(home, about, turn, table):
 
 
 @inline_jit
-def loss(first, count, n, kind, begin, column, work, turns, u, v, dt, new):
+def particle_heat(first, count, n, kind, begin, column, work, turns, u, v, dt, new):
     """Return the energy lost by the particles of a cell that the nodes do not count, `heat_of`.
 
     `frame` is the velocity that columns leave out: Kepler's, and half a kick by accelerations that gas and dust
@@ -72,7 +72,7 @@ def loss(first, count, n, kind, begin, column, work, turns, u, v, dt, new):
         i, at = kind.order[first + p], begin + p
         m, x, y = column[at + MASS * n], column[at + X * n], column[at + Y * n]
         if turns:
-            does, idle = value_at(work, 0, x, y), value_at(work, 9 * LANES, x, y)
+            does, idle = evaluate(work, 0, x, y), evaluate(work, 9 * LANES, x, y)
             along, across = extract(does, SPIN_Y) - extract(does, 0) * y, extract(does, 0) * x - extract(does, SPIN_X)
             half_x = 0.5 * dt * column[at + BX * n] if sources else 0.0
             half_y = 0.5 * dt * column[at + BY * n] if sources else 0.0
@@ -89,7 +89,7 @@ def loss(first, count, n, kind, begin, column, work, turns, u, v, dt, new):
 
 
 @jit_no_alloc
-def pass_on(nodes, heat):
+def move_heat_to_gas(nodes, heat):
     """Pass the heat of nodes without gas to the nodes about them, in equal parts to each that has gas."""
     for n in range(len(heat)):
         if heat[n] == 0.0 or nodes.sums[n, 0, ONE] > 0.0:
@@ -114,7 +114,7 @@ def heat_in(block, kind, cells, nodes, node_heats, begin, column, table, heat):
     first, count, at = kind.start[block], kind.start[block + 1] - kind.start[block], begin[block]
     n = filled(count)
     for p in range(count):
-        heat[kind.order[first + p]] = brought(table, 0, column[at + X * n + p], column[at + Y * n + p])
+        heat[kind.order[first + p]] = evaluate_lane(table, 0, column[at + X * n + p], column[at + Y * n + p])
 
 
 @jit

@@ -11,9 +11,9 @@ from discsim.kernels.common.simd import LANES, extract, horizontal_sums, load, p
 from discsim.kernels.drag.lines import solve
 from discsim.kernels.drag.relax import response
 from discsim.kernels.drag.tsc.columns import fetch_columns, filled, is_ragged, most_in
-from discsim.kernels.drag.tsc.heat import loss, turns_about
+from discsim.kernels.drag.tsc.heat import particle_heat, turns_about
 from discsim.kernels.drag.tsc.nodes import BX, DX, DY, FIELDS, MASS, NORM, ONE, RATE, SPIN, VX, VY, WHOLE, X, Y
-from discsim.kernels.drag.tsc.weights import brought, to_polynomial
+from discsim.kernels.drag.tsc.weights import evaluate_lane, to_polynomial
 
 
 @inline_jit
@@ -82,7 +82,7 @@ def rate_of(count, n, begin, column, table):
     rate, mass = 0.0, 0.0
     for at in range(begin, begin + count):
         m = column[at + MASS * n]
-        rate += m * column[at + NORM * n] * brought(table, RATE, column[at + X * n], column[at + Y * n])
+        rate += m * column[at + NORM * n] * evaluate_lane(table, RATE, column[at + X * n], column[at + Y * n])
         mass += m
     return rate / mass
 
@@ -179,9 +179,9 @@ def add_changes(n, begin, column, table, turns, normed, bend, new):
         at = begin + p
         x, y = load(column, at + X * n), load(column, at + Y * n)
         xx, xy, yy = x * x, x * y, y * y
-        dx, dy = brought(table, DX, x, y), brought(table, DY, x, y)
+        dx, dy = evaluate_lane(table, DX, x, y), evaluate_lane(table, DY, x, y)
         if turns:
-            spin = brought(table, SPIN, x, y)
+            spin = evaluate_lane(table, SPIN, x, y)
             dx, dy = dx - spin * y, dy + spin * x
         elif normed:
             norm = load(column, at + NORM * n)
@@ -274,7 +274,7 @@ def scatter_species(block, part, kind, cells, nodes, sharp, begin, column, dt, e
             store(new, p, zeros())
             store(new, p + n, zeros())
     if len(sharp.heat) > 0:
-        sharp.heat[home] += loss(first, count, n, kind, begin, column, work, turns, u, v, dt, new)
+        sharp.heat[home] += particle_heat(first, count, n, kind, begin, column, work, turns, u, v, dt, new)
     kick(first, count, n, kind, dt, new)
     return rate
 
@@ -322,7 +322,7 @@ def times_in(block, part, kind, cells, nodes, value, begin, column, table, time)
     normed = has_norms(block, kind, cells, nodes)
     for p in range(count):
         at = begin + p
-        rate = brought(table, RATE, column[at + X * n], column[at + Y * n])
+        rate = evaluate_lane(table, RATE, column[at + X * n], column[at + Y * n])
         if normed:
             rate *= column[at + NORM * n]
         time[kind.order[first + p]] = 1.0 / rate if rate > 0.0 else np.inf

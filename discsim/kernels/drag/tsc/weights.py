@@ -19,7 +19,7 @@ def cloud(x):
 
 
 @inline_jit
-def three(low, middle, high):
+def tsc_coefficients(low, middle, high):
     """Return the coefficients of 1, x and x^2 in the interpolation from three nodes in a line."""
     both = low + high
     return 0.125 * both + 0.75 * middle, 0.5 * (high - low), 0.5 * both - middle
@@ -36,13 +36,13 @@ def to_polynomial(table, begin, flat):
         at = begin + 3 * i * LANES
         a, b, c = load(table, at + LANES), zeros(), zeros()
         if not flat:
-            a, b, c = three(load(table, at), a, load(table, at + 2 * LANES))
+            a, b, c = tsc_coefficients(load(table, at), a, load(table, at + 2 * LANES))
         store(table, at, a)
         store(table, at + LANES, b)
         store(table, at + 2 * LANES, c)
     for j in range(3):
         at, next_row = begin + j * LANES, 3 * LANES
-        a, b, c = three(load(table, at), load(table, at + next_row), load(table, at + 2 * next_row))
+        a, b, c = tsc_coefficients(load(table, at), load(table, at + next_row), load(table, at + 2 * next_row))
         store(table, at, a)
         store(table, at + next_row, b)
         store(table, at + 2 * next_row, c)
@@ -55,14 +55,14 @@ def quadratic(table, at, y):
 
 
 @inline_jit
-def value_at(table, begin, x, y):
+def evaluate(table, begin, x, y):
     """Return the values of the polynomials at (x, y), in all lanes."""
     middle, high = quadratic(table, begin + 3 * LANES, y), quadratic(table, begin + 6 * LANES, y)
     return quadratic(table, begin, y) + x * (middle + x * high)
 
 
 @inline_jit
-def brought(table, k, x, y):
+def evaluate_lane(table, k, x, y):
     """Return lane k of the polynomials at (x, y), numbers or vectors."""
     low = table[0, k] + y * (table[1, k] + y * table[2, k])
     middle = table[3, k] + y * (table[4, k] + y * table[5, k])
