@@ -36,8 +36,8 @@ class Cells:
     Attributes
     ----------
     leaf : callable
-        ``leaf(scene, number, h_mean, h_least)`` returns the least side of the leaves that cells are made of, in code
-        units, for cells `number` smoothing lengths of the gas wide. ``h_mean()`` computes the geometric mean of the
+        `leaf(scene, number, h_mean, h_least)` returns the least side of the leaves that cells are made of, in code
+        units, for cells `number` smoothing lengths of the gas wide. `h_mean()` computes the geometric mean of the
         smoothing lengths; `h_least` is the least of them.
     few : tuple of float
         Numbers of gas and dust particles that a cell in two dimensions needs, for eps ~ 1 and evenly placed dust.
@@ -46,7 +46,7 @@ class Cells:
     share : float
         Least side of a cell, in wanted sides.
     least : callable, optional
-        ``least(scene)`` returns the numbers of gas and dust particles below which cells grow. Without it only empty
+        `least(scene)` returns the numbers of gas and dust particles below which cells grow. Without it only empty
         cells grow.
     """
 
@@ -64,15 +64,15 @@ class Scheme:
     Attributes
     ----------
     relax : callable, optional
-        ``relax(drag, state, dt, gas_vel, heat)`` kicks gas and dust over dt, accelerations and drag together. It
+        `relax(drag, state, dt, gas_vel, heat)` kicks gas and dust over dt, accelerations and drag together. It
         changes the dust in place and the gas in `gas_vel` (n, d), which for one-way drag is a copy that is dropped
         afterwards. It sets `drag.stopping_times` (n,) of the dust, and `drag.alone`, the indices of uncoupled dust. If
         `heat` (n,) has entries, it writes the heat per mass of each gas particle there.
     advance : callable, optional
-        ``advance(drag, tube, cells, dt)`` returns the contents `cells` (5, n) of a `ppm.Tube` after dt. Fluxes take the
+        `advance(drag, tube, cells, dt)` returns the contents `cells` (5, n) of a `ppm.Tube` after dt. Fluxes take the
         place of accelerations.
     limit : callable, optional
-        ``limit(drag, state)`` returns the longest stable step of an explicit scheme, in code units.
+        `limit(drag, state)` returns the longest stable step of an explicit scheme, in code units.
     conserves : bool
         Whether momentum is exact.
     sizes : bool
@@ -88,10 +88,10 @@ class Scheme:
     rules : tuple of callable
         Generators of the problems of a scene with this scheme.
     places : callable, optional
-        ``places(drag, state)`` returns what `relax` needs besides accelerations and dt; `relax` takes it from
-        ``drag.places(state)``. On several threads it is computed while effects accelerate.
+        `places(drag, state)` returns what `relax` needs besides accelerations and dt; `relax` takes it from
+        `drag.places(state)`. On several threads it is computed while effects accelerate.
     members : callable, optional
-        ``members(drag, state)`` returns the `Layout` (`drag/cells.py`) of the blocks that relax, for runs on several
+        `members(drag, state)` returns the `Layout` (`drag/cells.py`) of the blocks that relax, for runs on several
         MPI ranks. Without it each rank makes the whole kick.
     rings : int
         Number of rings of nodes, beyond those about a block, on which the particles of the block depend; below 0 for

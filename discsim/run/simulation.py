@@ -214,7 +214,7 @@ class Simulation(Summarised):
         every : float or Quantity, optional
             Interval of calls of `callback`. The run lands on multiples of it.
         callback : callable, optional
-            ``callback(sim)`` is called after each step or, with `every`, at multiples of `every` and at the end. It
+            `callback(sim)` is called after each step or, with `every`, at multiples of `every` and at the end. It
             sees read-only views with velocities at the time of positions, as in `synchronised`, and has no effect on
             the run. If it returns True, the run ends early.
 
@@ -263,7 +263,7 @@ class Simulation(Summarised):
         until : float
             Time of the end, in code units.
         after_step : callable, optional
-            ``after_step()`` is called after each step. If it returns True, the run ends early.
+            `after_step()` is called after each step. If it returns True, the run ends early.
         only_looks : bool, optional
             Whether `after_step` changes nothing, so that arrays need no check before the next step.
 
