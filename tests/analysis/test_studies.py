@@ -232,11 +232,12 @@ def test_slip_follows_the_headwind():
     module = script("drift")
     sim = module.ring(1.0, 0.1, "tsc", 1, 12_000, 12_000, module.GAS)
     found = module.measure(sim, (1.0, 3.0), lambda share: None)
-    row = module.summary(found, {"series": {"gas": [0.0]}}, 1.0, 0.1)
+    still = {"series": {"time": [0.0, 1.0], "momentum": [1.0, 1.0]}}
+    row = module.summary(found, still, 1.0, 0.1)
     assert row["of_headwind"] == pytest.approx(1.0, abs=0.15)
-    assert (
-        abs(row["spin"]) < 3e-6
-    )  # gas that is alone at the edges; 3e-5 without the rotation in kernels/drag/tsc/nodes.py
+    # Gas that is alone at the edges; 3e-5 without the rotation in kernels/drag/tsc/nodes.py.
+    assert abs(row["spin"]) < 3e-6
+    assert row["gas"] == row["gas_less_control"]
 
 
 def test_alpha_of_a_shear_wave():

@@ -241,7 +241,7 @@ Simulation({
     "units": {"system": "code"}, "run": {"until": 1.0}, "space": {"size": 1.0, "boundary": "periodic"},
     "initial": {"kind": "box"}, "gas": {"particles": 16, "eos": {"kind": "isothermal", "sound_speed": 1.0}},
 }).step()
-modules = [importlib.import_module(f"discsim.kernels.{name}") for name in ("smoothing", "sph", "sph_density")]
+modules = [importlib.import_module(f"discsim.kernels.sph.{name}") for name in ("smoothing", "forces", "density")]
 found = [entry for module in modules for entry in vars(module).values() if isinstance(entry, CPUDispatcher)]
 inlined = [entry for entry in found if entry.targetoptions.get("inline") == "always"]
 print(len(inlined) > 9, [entry for entry in inlined if entry.signatures])
@@ -249,6 +249,6 @@ print(len(inlined) > 9, [entry for entry in inlined if entry.signatures])
 
 
 def test_what_sums_inline_is_never_compiled_alone():
-    """No cache has it: each process would compile it anew, and start one beside it that compiles ahead."""
+    """No cache holds it: each process would compile it again."""
     done = subprocess.run([sys.executable, "-c", ALONE], capture_output=True, text=True, check=True)
     assert done.stdout.split(maxsplit=1) == ["True", "[]\n"]
