@@ -9,7 +9,7 @@ step (`kernels/gravity/kepler.py`). Otherwise its pull is in the kick, where a m
 particles lose, to rounding. Step limit: 1/Omega = sqrt((d^2 + s^2)^(3/2) / (G M)) of the nearest particle, and half of
 it in kicks.
 
-    frame = "star"       the star is the origin, and all get -A_0, A_0 = sum of the pulls on it that `indirect` lists
+    frame = "star"       the star is the origin, and all get -A_0, A_0 = sum of the pulls on it that indirect lists
     frame = "inertial"   the star moves with A_0; with its companions its barycentre starts at rest at the origin
 """
 

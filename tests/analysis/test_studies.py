@@ -210,6 +210,7 @@ def test_drift_study_goes_on(tmp_path, capsys):
     assert (tmp_path / "drift.png").exists()
 
 
+@pytest.mark.slow
 def test_drift_against_the_width_of_cells(tmp_path, capsys):
     """Cells of the width that is asked for, and by default; few particles over half an orbit, so with much noise.
 
@@ -240,6 +241,7 @@ def test_slip_follows_the_headwind():
     assert row["gas"] == row["gas_less_control"]
 
 
+@pytest.mark.slow
 def test_alpha_of_a_shear_wave():
     module = script("noise")
     assert module.measure_shear(module.CHOICES["wendland-c4, eta 2.5, low"], 0.25) < 0.005

@@ -217,10 +217,10 @@ import hashlib, sys
 sys.path.insert(0, {here!r})
 from clouds import cloud, gravity, maclaurin_disc
 from discsim.numerics.grid import Grid
-from discsim.numerics.threads import use_threads
+from discsim.numerics.threads import set_threads
 for periodic, corner in ((False, -1.3), (True, -1.25)):
     for threads in (1, 2, 2):
-        use_threads(threads)
+        set_threads(threads)
         gas, dust = cloud(maclaurin_disc(20_000), 1e-5), cloud(maclaurin_disc(7_001)[::-1], 1e-6)
         gravity(Grid((corner, corner), 2.6 / 135, (135, 130), periodic), 0.05, gas, dust)
         print(periodic, hashlib.sha256(gas.acc.tobytes() + dust.acc.tobytes()).hexdigest())

@@ -67,12 +67,11 @@ CHEAP = {
     "sheet": ["gas.particles=1024", "space.cells=32"],
     "gresho": ["gas.particles=900"],
 }
+LONG = ("settling", "oblique_wave", "gresho", "sheet")
+WHOLE = [pytest.param(name, marks=[pytest.mark.slow] * (name in LONG)) for name in CHEAP]
 
 
-SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("settling", "oblique_wave")]
-
-
-@pytest.mark.parametrize("setup", [*(name for name in CHEAP if name not in ("settling", "oblique_wave")), *SLOW])
+@pytest.mark.parametrize("setup", WHOLE)
 def test_steps_of_whole_runs_are_foreseen(setup):
     ratio, _ = forecast_over_run(load_scene(f"setups/{setup}.toml", CHEAP[setup]))
     assert 1.0 / WITHIN < ratio < WITHIN

@@ -6,10 +6,12 @@
 import pytest
 import recorded
 
+LONG = {"disc_933", "settling_70", "snapshot_374", "snapshot_674", "table_92", "table_277", "vortex_11"}  # to compile
+SCENES = [pytest.param(path, marks=[pytest.mark.slow] * (path.stem in LONG), id=path.stem) for path in recorded.SCENES]
 REMEDY = "if that is meant: python tests/helpers/recorded.py --write"
 
 
-@pytest.mark.parametrize("path", recorded.SCENES, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", SCENES)
 def test_a_scene_gives_the_numbers_that_were_recorded(path):
     found = recorded.changes(recorded.recorded()[path.stem], recorded.of_run(path))
     assert not found, "\n".join([*found[:20], REMEDY])
