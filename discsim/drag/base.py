@@ -102,7 +102,7 @@ class Scheme:
 
     relax: Callable[[Any, State, float, Array, Array], None] | None = None
     advance: Callable[[Any, Tube, Array, float], Array] | None = None
-    limit: Callable[[Any, State], float] | None = None
+    limit: Callable[[Any, Any], float] | None = None
     conserves: bool = True
     sizes: bool = False
     damps: bool = False
@@ -110,7 +110,7 @@ class Scheme:
     cells: Cells | None = None
     nanoseconds: float = 3000.0
     rules: tuple[Rule, ...] = ()
-    places: Callable[[Any, State], Any] | None = None
+    places: Callable[[Any, Any], Any] | None = None
     members: Callable[[Any, State], Any] | None = None
     rings: int = -1
     reads: tuple[str, ...] = EVERYTHING

@@ -18,7 +18,7 @@ def effect_classes(scene: Scene) -> dict[str, type[Effect]]:
     """Return the effect classes that run in a scene, by the names of their tables, in the order of a step."""
     others = scene.model.stand_ins
     found = {name: found_at(others[name]) if name in others else EFFECTS[name] for name in scene.named}
-    return {name: effect for name, effect in found.items() if effect.runs}
+    return {name: effect for name, effect in found.items() if not effect.role.table_only}
 
 
 def load_effects(scene: Scene, state: State) -> dict[str, Effect]:
@@ -27,7 +27,7 @@ def load_effects(scene: Scene, state: State) -> dict[str, Effect]:
     Raises ValueError if an effect cannot run with this scene and state.
     """
     classes = effect_classes(scene)
-    if any(effect.needs_grid for effect in classes.values()):
+    if any(effect.role.grid for effect in classes.values()):
         # The first species, the gas if there is any, sets the number of cells: one-way dust must not change the grid.
         first = next(iter(state.species.values()))
         state.grid = grids.Grid.from_scene(scene, first.count)

@@ -119,14 +119,19 @@ def _gas_that_shears(draft: Draft) -> Iterator[Problem]:
         yield ("alpha_viscosity",), "alpha c_s H needs a star to orbit; expected a table [star], or nu"
 
 
+UNSTABLE = 1.25  # in steps of the limit: in longer ones velocities grow in a disordered arrangement
+
+
 class Effect(base.Effect):
     keys = Keys
     rules = (_one_law, _a_reference, _gas_that_shears)
-    grows_at = 1.25  # in longer steps velocities grow in a disordered arrangement
-    acts_on = ()  # the acceleration of [gas] contains the viscous one
 
     @classmethod
-    def rows(cls, scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
+    def report(cls, scene: Scene, at: Local) -> base.Report:
+        return base.Report(cls._rows(scene, at), cls._warnings(scene, at))
+
+    @classmethod
+    def _rows(cls, scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
         found = _viscosities(scene, at)
         if found is None:
             return
@@ -141,7 +146,7 @@ class Effect(base.Effect):
             yield "alpha of noise, about", _texts(noise)
 
     @classmethod
-    def warnings(cls, scene: Scene, at: Local) -> Iterator[str]:
+    def _warnings(cls, scene: Scene, at: Local) -> Iterator[str]:
         found = _viscosities(scene, at)
         if found is None or not scene.gas:
             return
@@ -177,15 +182,20 @@ class Effect(base.Effect):
         worst = int(np.argmin(steps))
         return Expected(float(steps[worst]), at.where(worst))
 
-    def limit(self, state: State) -> float:
-        gas = state.gas
+    def operators(self, state: State) -> list[base.Operator]:
+        """Return the step limit; the acceleration by [gas] contains the viscous one."""
+        return [base.Operator("alpha_viscosity.limit", base.Slot.LIMIT, self.limit, base.arrays("gas", "nu h"))]
+
+    def limit(self, view: base.View) -> dict[str, base.Limit]:
+        gas = view.gas
         if gas is None or gas.count == 0:
-            return np.inf
+            return {}
 
         def part(first: int, last: int) -> float:
-            return float(viscosity.longest_step(state.scene, gas.nu[first:last], gas.h[first:last]).min())
+            return float(viscosity.longest_step(view.scene, gas.nu[first:last], gas.h[first:last]).min())
 
-        return min(parallel_for(part, gas.count))
+        step = min(parallel_for(part, gas.count))
+        return {"gas": base.Limit(step, UNSTABLE * step)}
 
 
 def _viscosities(scene: Scene, at: Local) -> tuple[str, tuple[np.ndarray, np.ndarray, np.ndarray]] | None:

@@ -1,14 +1,7 @@
-"""Interface of an effect: its part in a step, and its description for scenes, previews and outputs.
+"""Interface of an effect: its operators in a step, and its description for scenes, previews and outputs.
 
-The methods of `Effect` do nothing, and an effect overrides the ones that it needs:
-
-- `accelerate` adds to `acc` and moves nothing.
-- `kick` turns `acc` into velocities. Each species has its own kick, or one effect with `is_kick` kicks gas and dust
-  together, which solves their relaxation with the accelerations inside.
-- `drift` moves a species along, `move` changes positions in other ways, and `sort` reorders arrays in some steps.
-- `operate` changes velocities or energies over dt, before and after the move.
-- `event` acts once the particles have moved.
-- `limit` bounds the step; the step loop records which effect sets the step.
+The methods of `Effect` do nothing, and an effect overrides the ones that it needs. `operators` lists what the effect
+does in a step (`discsim/numerics/operators.py`): fields, forces, limits, kicks, drifts and others.
 """
 
 from __future__ import annotations
@@ -18,6 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from discsim.numerics.operators import ALL, GROWS, Limit, Operator, Slot, View, arrays
 from discsim.numerics.state import Particles, State
 from discsim.numerics.threads import parallel_for
 from discsim.parts import Lazy
@@ -30,6 +24,11 @@ if TYPE_CHECKING:
     from discsim.scene import Scene
 
 kepler, moves = Lazy("discsim.kernels.gravity.kepler"), Lazy("discsim.kernels.common.move")
+
+__all__ = [
+    "ALL", "GROWS", "Column", "Counts", "Effect", "KickEffect", "Limit", "Operator", "Report", "Role", "Slot", "View",
+    "arrays", "drift", "kick_effect", "to_sort",
+]  # fmt: skip
 
 NO_SPECIES = np.empty(0, np.int64)  # for gas, which has no populations
 
@@ -63,6 +62,44 @@ class Column(NamedTuple):
     about: str
 
 
+class Role(NamedTuple):
+    """Facts of an effect that do not depend on the scene.
+
+    Attributes
+    ----------
+    kicks : bool
+        Whether the effect kicks gas and dust together, in place of the kick of each species; a `KickEffect`.
+    grid : bool
+        Whether the effect needs the grid of the state.
+    centre : bool
+        Whether the origin is a centre that figures mark.
+    table_only : bool
+        Whether the table configures other effects, and the effect is not created.
+    several : bool
+        Whether the scene may have an array of these tables.
+    lists_schemes : bool
+        Whether the reference lists the drag schemes below the keys.
+    """
+
+    kicks: bool = False
+    grid: bool = False
+    centre: bool = False
+    table_only: bool = False
+    several: bool = False
+    lists_schemes: bool = False
+
+
+class Report(NamedTuple):
+    """Texts about a scene for `check` and the log of a run.
+
+    rows: names and texts of derived numbers. warnings: warnings of a scene that runs, but perhaps not as meant, each
+    with its number and a remedy.
+    """
+
+    rows: Iterable[tuple[str, str]] = ()
+    warnings: Iterable[str] = ()
+
+
 class Effect:
     """Base class of effects; by itself an effect does nothing and limits nothing.
 
@@ -82,39 +119,20 @@ class Effect:
         The effect cannot run with this scene and state.
     """
 
-    # The table of the effect.
-    keys: type[Table]
-    several = False  # whether the scene may have an array of these tables
+    keys: type[Table]  # the table of the effect
+    role = Role()
     rules: tuple[Rule, ...] = ()  # generators of the problems of a scene with this table
-    runs = True  # False: the table configures other effects, and this effect is not created
-
-    lists_schemes = False  # whether the reference lists the drag schemes below the keys
-    marks_centre = False  # whether the origin is a centre that figures mark
-
-    # The part of the effect in a step.
-    acts_on: tuple[str, ...] = ("gas", "dust")  # species that it accelerates
-    # Whether gas and dust at one place get the same acceleration, so that their slip does not change. All other
-    # accelerations reach the relaxation of drag as `state.own_acc`.
-    shared = False
-    # Whether `accelerate` overwrites the `acc` of species in `State.blank`, which is uninitialised.
-    writes_first = False
-    is_kick = False  # whether `kick` kicks gas and dust, in place of each species' own kick; at most one in a scene
-    needs_grid = False  # whether the effect needs `state.grid`
     # Attributes made from the particles of the start, in `__init__` or `begin`. On several processes one process makes
     # them and sends them to the others, in place of `begin` there. All other attributes must need the scene alone.
     from_start: tuple[str, ...] = ()
-    # Factor on the limit, above which errors grow without end. A leapfrog of frequency 1 / limit is unstable above 2;
-    # 2.5 leaves a margin, as limits are estimates.
-    grows_at = 2.5
-    softer = ""  # remedy in messages: a change of the scene that makes `limit_of` longer
-
-    @property
-    def uncoupled(self) -> float:
-        """Share of the dust mass that the last kick should have coupled to gas and could not."""
-        return 0.0
 
     def __init__(self, scene: Scene, state: State) -> None:
         """Create the effect for a run of `scene` from the start `state`."""
+
+    def __init_subclass__(cls) -> None:
+        """Refuse methods of the former interface, which no step calls."""
+        if "accelerate" in vars(cls) and "operators" not in vars(cls):
+            raise TypeError("accelerate alone is no part of an effect; expected operators (docs/recipes/effect.md)")
 
     @classmethod
     def unused(cls, scene: Scene) -> tuple[str, ...]:
@@ -122,8 +140,8 @@ class Effect:
         return ()
 
     @classmethod
-    def warnings(cls, scene: Scene, at: Local) -> Iterable[str]:
-        """Yield warnings of a scene that runs, but perhaps not as meant.
+    def report(cls, scene: Scene, at: Local) -> Report:
+        """Return derived numbers and warnings of a scene.
 
         Parameters
         ----------
@@ -131,18 +149,8 @@ class Effect:
             Validated scene.
         at : Local
             Gas of the start at a few places.
-
-        Returns
-        -------
-        iterable of str
-            Warnings, each with its number and a remedy.
         """
-        return ()
-
-    @classmethod
-    def rows(cls, scene: Scene, at: Local) -> Iterable[tuple[str, str]]:
-        """Return names and texts of derived numbers, for `check` and the log of a run."""
-        return ()
+        return Report()
 
     @classmethod
     def nanoseconds(cls, scene: Scene, counts: Counts) -> float:
@@ -184,90 +192,12 @@ class Effect:
             All effects of the run, by the names of their tables.
         """
 
-    def forget(self) -> None:
-        """Drop results of an earlier state: a checkpoint has replaced the state."""
+    def operators(self, state: State) -> list[Operator]:
+        """Return the operators of the effect, in the order in which they run within a slot.
 
-    def prepare(self, state: State) -> None:
-        """Compute what `accelerate` needs and no effect's `accelerate` changes, like a field or the density of the
-        gas.
-
-        Several threads call `prepare` of different effects at the same time, so it must not change what another
-        effect reads. Without such a call, as on one thread, `accelerate` has to call it first.
+        The list depends on the scene and the species alone.
         """
-
-    def prepare_kick(self, state: State) -> None:
-        """Compute what the next `kick` needs and no effect's `accelerate` changes.
-
-        Inputs are positions, velocities, masses and smoothing lengths. Another thread accelerates at the same time,
-        so the method must not change the state.
-        """
-
-    def discard(self) -> None:
-        """Drop what `prepare` and `prepare_kick` have computed, as the state may have changed since."""
-
-    def accelerate(self, state: State) -> None:
-        """Add the accelerations of the effect to `acc` (n, dimensions) of the species that it acts on.
-
-        Gas that holds heat has rates (n,) in `heating_rate`, to which the method may add too.
-        """
-
-    def acceleration(self, state: State) -> None:
-        """Add to `acc` (n, dimensions) all accelerations of the effect, including those that the drift contains."""
-        self.accelerate(state)
-
-    def limit(self, state: State) -> float:
-        """Return the longest step that the effect allows, before the Courant factor. The call follows `accelerate`."""
-        return float("inf")
-
-    def limit_of(self, state: State, name: str) -> float:
-        """Return the longest step in which particles of the species `name` keep their orbits in the field of the
-        effect.
-        """
-        return float("inf")
-
-    def tightest(self, particles: Particles, acc: np.ndarray) -> int:
-        """Return the index of the particle that sets `limit_of`.
-
-        Parameters
-        ----------
-        particles : Particles
-            Particles of one species.
-        acc : array (n, dimensions)
-            Their accelerations by this effect, in code units.
-        """
-        return int((acc**2).sum(axis=1).argmax())
-
-    def kick(self, state: State, dt: float) -> None:
-        """Turn accelerations into velocities over dt: those of its species, or of all species if `is_kick`."""
-
-    def operate(self, state: State, dt: float) -> None:
-        """Change velocities or energies over dt, for changes that are stiff or no acceleration, exactly if possible.
-
-        A step calls the method over half of its length before the move, and over half after it
-        (`run/integrators.py`). A change that composes, like exp(-dt/t), is then of second order. Velocities are ahead
-        of positions in the first call (`state.lag` below 0) and behind in the second. On a circle of frequency Omega
-        they are rotated against positions by asin(Omega lag), unless the drift rotates them. Effects that do not
-        override the method are not called.
-        """
-
-    def drift(self, state: State, dt: float) -> None:
-        """Move particles of the effect's own species at their velocities over dt.
-
-        Several threads call `drift` of different effects at the same time, so neither `drift` nor `sort` may read
-        other species.
-        """
-
-    def move(self, state: State, dt: float) -> None:
-        """Move particles over dt in other ways, after the drift."""
-
-    def sort(self, state: State) -> None:
-        """Sort the arrays of the effect's own species by position; called in some steps."""
-
-    def event(self, state: State) -> None:
-        """Act on particles after they have moved and perhaps were sorted.
-
-        `state.step` and `state.time` are those at the end of the step.
-        """
+        return []
 
     def potential_energy(self, state: State) -> float:
         """Return the potential energy of particles in the field of the effect."""
@@ -285,9 +215,23 @@ class Effect:
         return {}
 
 
-def overriding(effects: Mapping[str, Effect], what: str) -> list[str]:
-    """Return the names of the effects that override the method `what` of `Effect`."""
-    return [name for name, effect in effects.items() if getattr(type(effect), what) is not getattr(Effect, what)]
+class KickEffect(Effect):
+    """Effect that kicks gas and dust together, in place of the kick of each species; at most one in a scene.
+
+    Its operator of the slot KICK solves the relaxation of the slip with the accelerations inside.
+    """
+
+    role = Role(kicks=True)
+
+    @property
+    def uncoupled(self) -> float:
+        """Share of the dust mass that the last kick should have coupled to gas and could not."""
+        return 0.0
+
+
+def kick_effect(effects: Mapping[str, Effect]) -> str | None:
+    """Return the name of the effect that kicks gas and dust together; None if each species has its own kick."""
+    return next((name for name, effect in effects.items() if effect.role.kicks), None)
 
 
 def drift(scene: Scene, particles: Particles, dt: float, masses: np.ndarray | None = None) -> None:

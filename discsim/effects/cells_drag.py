@@ -6,7 +6,6 @@ no kick. The drag limits no step.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,10 +26,7 @@ kernels = Lazy("discsim.kernels.fluid1d.drag")
 ppm = Lazy("discsim.numerics.ppm")
 
 
-class Effect(base.Effect):
-    is_kick = True  # an empty kick: the move contains fluxes and drag
-    acts_on = ()
-
+class Effect(base.KickEffect):
     def __init__(self, scene: Scene, state: State) -> None:
         self.advance = SCHEMES[scene.drag.scheme].advance
         self.law = SceneLaw(scene)
@@ -43,8 +39,12 @@ class Effect(base.Effect):
         return sum(SCHEMES[scene.drag.scheme].unused.values(), ())
 
     @classmethod
-    def warnings(cls, scene: Scene, at: Local) -> Iterator[str]:
-        return cautions.warnings(scene, at)
+    def report(cls, scene: Scene, at: Local) -> base.Report:
+        return base.Report(warnings=cautions.warnings(scene, at))
+
+    def operators(self, state: State) -> list[base.Operator]:
+        """Return the move, which contains fluxes and drag; there is no kick."""
+        return [base.Operator("drag.move", base.Slot.MOVE, self.move)]
 
     def move(self, state: State, dt: float) -> None:
         self.tube.write(state, self.advance(self, self.tube, self.tube.read(state), dt))

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
 
 
 class Effect(base.Effect):
-    acts_on = ()
-
     def __init__(self, scene: Scene, state: State) -> None:
         self.dx = scene.space.size[0] / state.dust.count
         state.dust.density = np.zeros(state.dust.count)
@@ -26,9 +24,16 @@ class Effect(base.Effect):
     def unused(cls, scene: Scene) -> tuple[str, ...]:
         return "offset", "placement"
 
-    def accelerate(self, state: State) -> None:
-        state.dust.density = state.dust.mass / self.dx
+    def operators(self, state: State) -> list[base.Operator]:
+        mass, vel, density = (base.arrays("dust", name) for name in ("mass", "vel", "density"))
+        return [
+            base.Operator("dust.density", base.Slot.FORCE, self.find_density, mass, density),
+            base.Operator("dust.limit", base.Slot.LIMIT, self.limit, vel),
+        ]
 
-    def limit(self, state: State) -> float:
-        fastest = float(np.abs(state.dust.vel).max(initial=0.0))
-        return self.dx / fastest if fastest > 0.0 else np.inf
+    def find_density(self, view: base.View) -> None:
+        view.dust.density = view.dust.mass / self.dx
+
+    def limit(self, view: base.View) -> dict[str, base.Limit]:
+        fastest = float(np.abs(view.dust.vel).max(initial=0.0))
+        return {base.ALL: base.Limit(self.dx / fastest)} if fastest > 0.0 else {}

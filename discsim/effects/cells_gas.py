@@ -21,8 +21,6 @@ if TYPE_CHECKING:
 
 
 class Effect(base.Effect):
-    acts_on = ()
-
     def __init__(self, scene: Scene, state: State) -> None:
         self.scene = scene
         self.dx = scene.space.size[0] / state.gas.count
@@ -37,11 +35,18 @@ class Effect(base.Effect):
         sound = outlook.at.sound_speed
         return Expected() if sound is None else Expected(scene.space.size[0] / scene.gas.particles / float(sound.max()))
 
-    def accelerate(self, state: State) -> None:
-        gas = state.gas
+    def operators(self, state: State) -> list[base.Operator]:
+        found = base.arrays("gas", "density pressure sound_speed")
+        return [
+            base.Operator("gas.density", base.Slot.FORCE, self.find_density, base.arrays("gas", "pos mass u"), found),
+            base.Operator("gas.limit", base.Slot.LIMIT, self.limit, base.arrays("gas", "vel sound_speed")),
+        ]
+
+    def find_density(self, view: base.View) -> None:
+        gas = view.gas
         gas.density = gas.mass / self.dx
         gas.pressure, gas.sound_speed = pressure_and_sound_speed(self.scene, gas.pos, gas.density, gas.u)
 
-    def limit(self, state: State) -> float:
-        fastest = float((np.abs(state.gas.vel[:, 0]) + state.gas.sound_speed).max(initial=0.0))
-        return self.dx / fastest if fastest != 0.0 else np.inf
+    def limit(self, view: base.View) -> dict[str, base.Limit]:
+        fastest = float((np.abs(view.gas.vel[:, 0]) + view.gas.sound_speed).max(initial=0.0))
+        return {base.ALL: base.Limit(self.dx / fastest)} if fastest != 0.0 else {}

@@ -21,7 +21,8 @@ Step limit, half of the least of
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
 import numpy as np
@@ -32,7 +33,7 @@ from discsim.effects.accretion import swallow, taken_from
 from discsim.initial import start_of
 from discsim.numerics import world
 from discsim.numerics.bodies import SPECIES, Bodies
-from discsim.numerics.state import Particles, State
+from discsim.numerics.state import State
 from discsim.numerics.threads import parallel_for
 from discsim.numerics.totals import rounded, total
 from discsim.parts import Lazy
@@ -52,6 +53,7 @@ if TYPE_CHECKING:
 kernels = Lazy("discsim.kernels.gravity.point_masses")
 
 CLOSE = 0.2  # in inner radii of the disc: for the disc a closer companion and the star are one central mass
+SOFTER = "a longer companion.softening"
 PULL = 12.0  # CPU nanoseconds in a step, per particle and companion
 
 
@@ -239,11 +241,8 @@ class Effect(base.Effect):
     """
 
     keys = Keys
-    several = True
+    role = base.Role(several=True)
     rules = (_about_a_star, _its_ramp, _what_it_feels, _its_softening)
-    shared = True
-    softer = "a longer companion.softening"
-    grows_at = base.Effect.grows_at / IN_KICKS
 
     def __init__(self, scene: Scene, state: State) -> None:
         self.scene = scene
@@ -251,7 +250,6 @@ class Effect(base.Effect):
         self.orbits = Orbits(scene)
         self._near: dict[str, np.ndarray] = {}  # (companions, 2), least values of `kernels.attract_moving`
         self._lengths = np.zeros(len(self.companions))  # softenings
-        self._places = np.zeros((len(self.companions), 2))
         self._dt = 0.0
 
     @classmethod
@@ -270,7 +268,11 @@ class Effect(base.Effect):
         return Expected(IN_KICKS * steps.min(axis=0), found[int(np.argmin(steps.min(axis=1)))].where)
 
     @classmethod
-    def rows(cls, scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
+    def report(cls, scene: Scene, at: Local) -> base.Report:
+        return base.Report(cls._rows(scene, at), cls._warnings(scene, at))
+
+    @classmethod
+    def _rows(cls, scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
         star, viscous = scene.star, scene.table("alpha_viscosity") is not None
         assert star is not None
         for k, companion in enumerate(scene.table("companion"), 1):
@@ -285,7 +287,7 @@ class Effect(base.Effect):
                 yield _named(k, "gap"), f"K = {gap:.3g}, so Sigma falls to {1.0 / (1.0 + 0.04 * gap):.2g}"
 
     @classmethod
-    def warnings(cls, scene: Scene, at: Local) -> Iterator[str]:
+    def _warnings(cls, scene: Scene, at: Local) -> Iterator[str]:
         star = scene.star
         assert star is not None
         for k, companion in enumerate(scene.table("companion"), 1):
@@ -306,15 +308,22 @@ class Effect(base.Effect):
                         f"is smooth over h: want {other}gas.particles of about {needed:.2g}"
                     )
 
-    def accelerate(self, state: State) -> None:
-        bodies = _bodies(state)
-        places = bodies.felt_pos
-        away = state.from_centre(places[1:]) if state.centre is not None else places[1:] - places[0]
+    def operators(self, state: State) -> list[base.Operator]:
+        reads, of = base.arrays(state.species, "pos vel mass") | {"bodies"}, base.Slot
+        return [
+            base.Operator("companion.pull", of.FORCE, self.accelerate, reads, base.arrays(state.species, "acc")),
+            base.Operator("companion.limit", of.LIMIT, self.limit, reads),
+            base.Operator("companion.step", of.MOVE, self.move),
+            base.Operator("companion.accretion", of.EVENT, self.event),
+        ]
+
+    def accelerate(self, view: base.View) -> None:
+        bodies, places = view.bodies, view.bodies.felt_pos
+        away = view.from_centre(places[1:]) if view.centre is not None else places[1:] - places[0]
         distances = np.sqrt((away**2).sum(axis=1))
-        self._places = places[1:]
         for k, companion in enumerate(self.companions):
-            self._lengths[k] = softening(self.scene, companion, float(distances[k]), state.central_mass)
-        for name, p in state.species.items():
+            self._lengths[k] = softening(self.scene, companion, float(distances[k]), view.central_mass)
+        for name, p in view.species.items():
             self._near[name] = np.full((len(self.companions), 2), np.inf)
             for k in range(len(self.companions)):
                 given = bodies.felt[k + 1], self._lengths[k], *places[k + 1].tolist(), *bodies.vel[k + 1].tolist()
@@ -323,20 +332,24 @@ class Effect(base.Effect):
                 self._near[name][k] = np.min([near for _, near in found], axis=0)
         self.orbits.accelerate(bodies)
 
-    def limit(self, state: State) -> float:
-        limiting = {id(particles) for particles in state.limiting}
-        near = [self.limit_of(state, name) for name, p in state.species.items() if id(p) in limiting]
-        return min(IN_KICKS * self.orbits.limit(_bodies(state)), *near)
-
-    def limit_of(self, state: State, name: str) -> float:
-        felt = _bodies(state).felt[1:]
+    def limit(self, view: base.View) -> dict[str, base.Limit]:
+        felt, places = view.bodies.felt[1:], view.bodies.felt_pos[1:]
         there = felt > 0.0  # a ramp begins with 0, which sets no limit
-        near, crossing = self._near[name][there].T
-        squared = (near + self._lengths[there] ** 2) ** 1.5 / felt[there]
-        return IN_KICKS * float(np.sqrt(min(squared.min(initial=np.inf), crossing.min(initial=np.inf))))
+        found = {base.ALL: self._limit(self.orbits.limit(view.bodies))}
+        for name, p in view.species.items():
+            near, crossing = self._near[name][there].T
+            squared = (near + self._lengths[there] ** 2) ** 1.5 / felt[there]
+            shortest = float(np.sqrt(min(squared.min(initial=np.inf), crossing.min(initial=np.inf))))
+            found[name] = self._limit(shortest, partial(self._nearest_row, p.pos, places))
+        return found
 
-    def tightest(self, particles: Particles, acc: np.ndarray) -> int:
-        away = ((particles.pos[:, None] - self._places) ** 2).sum(axis=2) + self._lengths**2
+    def _limit(self, shortest: float, row: Callable[[], int] | None = None) -> base.Limit:
+        """Return the limit by an orbit or an encounter with 1 / frequency `shortest`."""
+        step = IN_KICKS * shortest
+        return base.Limit(step, base.GROWS / IN_KICKS * step, row, SOFTER)
+
+    def _nearest_row(self, pos: np.ndarray, places: np.ndarray) -> int:
+        away = ((pos[:, None] - places) ** 2).sum(axis=2) + self._lengths**2
         return int(away.min(axis=1).argmin())
 
     def move(self, state: State, dt: float) -> None:

@@ -114,7 +114,6 @@ def _physical_units(draft: Draft) -> Iterator[Problem]:
 class Effect(base.Effect):
     keys = Keys
     rules = (_heat_to_lose, _key_of_the_kind, _star, _passive_temperature, _physical_units)
-    acts_on = ()
 
     def __init__(self, scene: Scene, state: State) -> None:
         own = scene.cooling

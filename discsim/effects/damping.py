@@ -68,8 +68,6 @@ def _about_a_star(draft: Draft) -> Iterator[Problem]:
 class Effect(base.Effect):
     keys = Keys
     rules = (_zones, _about_a_star)
-    acts_on = ()
-
     from_start = ("zones",)
 
     def __init__(self, scene: Scene, state: State) -> None:
@@ -80,7 +78,11 @@ class Effect(base.Effect):
         return DAMPED * (counts.gas + counts.dust)
 
     @classmethod
-    def warnings(cls, scene: Scene, at: Local) -> Iterator[str]:
+    def report(cls, scene: Scene, at: Local) -> base.Report:
+        return base.Report(warnings=cls._warnings(scene))
+
+    @classmethod
+    def _warnings(cls, scene: Scene) -> Iterator[str]:
         inner, outer = scene.table("damping").inner, scene.table("damping").outer
         if inner and outer and inner[1] > outer[0]:
             yield "damping.inner reaches into damping.outer: no gas between them is free; set them apart"
@@ -114,6 +116,9 @@ class Effect(base.Effect):
             kinds = 1 if name == "gas" else len(self.scene.dust)
             found.append(np.zeros(kinds) if masses is None else masses / self.scene.star.mass)
         return np.concatenate(found)
+
+    def operators(self, state: State) -> list[base.Operator]:
+        return [base.Operator("damping.zones", base.Slot.AROUND_DRIFT, self.operate)]
 
     def operate(self, state: State, dt: float) -> None:
         ahead = 0.0 if self.scene.model.given is not None else -state.lag

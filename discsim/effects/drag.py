@@ -159,14 +159,16 @@ def _heating(draft: Draft) -> Iterator[Problem]:
         yield ("drag", "heating"), "one-way drag leaves the gas alone; expected false"
 
 
+CELLS = "drag.cells"  # the operator that finds them
+
+
 def _moving_mass(dust: Dust) -> np.ndarray:
     return dust.mass if dust.immobile is None else np.where(dust.immobile, 0.0, dust.mass)
 
 
-class Effect(base.Effect):
+class Effect(base.KickEffect):
     keys = Keys
-    is_kick = needs_grid = lists_schemes = True
-    acts_on = ()
+    role = base.Role(kicks=True, grid=True, lists_schemes=True)
     rules = (_partners, _keys_of_the_law, _keys_of_the_scheme, _width_of_classes, _one_cell, _heating)
 
     def __init__(self, scene: Scene, state: State) -> None:
@@ -189,9 +191,8 @@ class Effect(base.Effect):
         self.relax_by, self.limit_by = self.scheme.relax, self.scheme.limit
         self.agree = Known()
         self.found_times: np.ndarray | Callable[[], np.ndarray] = np.empty(0)
+        self._there: Any = None  # result of the scheme's `places` for this kick
         self._kicked = (-1, 0.0)  # step and time of the last kick
-        self._places: Any = None  # result of the scheme's `places` for the next kick
-        self._vel_before: np.ndarray | None = None  # velocities of the gas before the next kick
 
     @classmethod
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
@@ -203,8 +204,17 @@ class Effect(base.Effect):
         return sum(SCHEMES[scene.drag.scheme].unused.values(), ())
 
     @classmethod
-    def warnings(cls, scene: Scene, at: Local) -> Iterator[str]:
-        return cautions.warnings(scene, at)
+    def report(cls, scene: Scene, at: Local) -> base.Report:
+        return base.Report(warnings=cautions.warnings(scene, at))
+
+    def operators(self, state: State) -> list[base.Operator]:
+        reads = base.arrays(("gas", "dust"), "pos vel mass h small species size") | {"bodies"}
+        motion = base.arrays(("gas", "dust"), "acc density sound_speed u")
+        return [
+            base.Operator(CELLS, base.Slot.KICK_INPUT, self.find_cells, reads),
+            base.Operator("drag.limit", base.Slot.LIMIT, self.limit, reads | motion),
+            base.Operator("drag.kick", base.Slot.KICK, self.kick),
+        ]
 
     def stopping_time(
         self, population: int, density: np.ndarray, sound: np.ndarray, omega: np.ndarray, ratio: float
@@ -235,25 +245,21 @@ class Effect(base.Effect):
         whole = total(_moving_mass(self.state.dust)) if alone > 0.0 else 0.0
         return alone / whole if whole > 0.0 else 0.0
 
-    def discard(self) -> None:
-        self._places = self._vel_before = None
-
-    def prepare_kick(self, state: State) -> None:
-        self.discard()
+    def find_cells(self, view: base.View) -> tuple[Any, np.ndarray] | None:
+        """Return the scheme's `places` for the next kick, and the velocities of the gas before it."""
         if self.scheme.places is None:
-            return
-        if state.centre is not None:  # the kick shifts positions, which other threads read at the same time
-            return
-        if state.gas.everywhere == 0 or state.dust.everywhere == 0:
-            return
-        self._sort(state)
-        self._places = self.scheme.places(self, state)
-        self._vel_before = copied(state.gas.vel)
+            return None
+        if view.centre is not None:  # the kick shifts positions, which other threads read at the same time
+            return None
+        if view.gas.everywhere == 0 or view.dust.everywhere == 0:
+            return None
+        self._sort(view)
+        return self.scheme.places(self, view), copied(view.gas.vel)
 
-    def places(self, state: State) -> Any:
-        """Return the result of the scheme's `places` for one kick, from `prepare_kick` if it was called."""
+    def places(self, state: State | base.View) -> Any:
+        """Return the result of the scheme's `places` for one kick, from `find_cells` if it was called."""
         assert self.scheme.places is not None
-        there, self._places = self._places, None
+        there, self._there = self._there, None
         return self.scheme.places(self, state) if there is None else there
 
     @classmethod
@@ -271,15 +277,15 @@ class Effect(base.Effect):
         worst = int(np.argmin(shortest))
         return Expected(float(shortest[worst]), at.where(worst))
 
-    def limit(self, state: State) -> float:
-        if self.limit_by is None or not self.two_way or state.gas.everywhere == 0 or state.dust.everywhere == 0:
-            return np.inf
-        return self.limit_by(self, state)
+    def limit(self, view: base.View) -> dict[str, base.Limit]:
+        if self.limit_by is None or not self.two_way or view.gas.everywhere == 0 or view.dust.everywhere == 0:
+            return {}
+        return {base.ALL: base.Limit(self.limit_by(self, view))}
 
     def kick(self, state: State, dt: float) -> None:
         gas, dust, two_way = state.gas, state.dust, self.two_way
         self._kicked = state.step, state.time
-        before, self._vel_before = copied(gas.vel) if self._vel_before is None else self._vel_before, None
+        self._there, before = state.results.pop(CELLS, None) or (None, copied(gas.vel))
         heat = np.zeros(gas.count if self.drag.heating else 0)
         if gas.everywhere > 0 and dust.everywhere > 0:
             # One-way: `kick_gas` below kicks the gas, with the same bits as without dust.
@@ -318,7 +324,8 @@ class Effect(base.Effect):
         if gas.everywhere == 0 or dust.everywhere == 0:
             return np.full(dust.count, np.inf)
         vel, dust.vel = dust.vel, dust.vel.copy()
-        self.discard()  # the caller may have changed positions
+        state.results.pop(CELLS, None)  # the caller may have changed positions
+        self._there = None
         self._relax(state, 0.0, gas.vel.copy(), np.zeros(gas.count if self.drag.heating else 0))
         dust.vel = vel
         return self.stopping_times
@@ -326,7 +333,7 @@ class Effect(base.Effect):
     def columns(self, state: State) -> dict[str, dict[str, np.ndarray]]:
         return stopping_columns(state, self.current_stopping_times(state))
 
-    def _sort(self, state: State) -> None:
+    def _sort(self, state: State | base.View) -> None:
         """Sort the dust into classes, and update the mass and softening of the centre."""
         self.classes.sort(state.dust)
         self.star = state.central

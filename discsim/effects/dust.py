@@ -87,8 +87,7 @@ def _sizes(draft: Draft) -> Iterator[Problem]:
 class Effect(base.Effect):
     keys = Keys
     rules = (_within_radii, _sizes)
-    several = True
-    acts_on = ()
+    role = base.Role(several=True)
 
     def __init__(self, scene: Scene, state: State) -> None:
         self.scene = scene
@@ -97,6 +96,14 @@ class Effect(base.Effect):
     @classmethod
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
         return MOVED * counts.dust
+
+    def operators(self, state: State) -> list[base.Operator]:
+        of = base.Slot
+        return [
+            base.Operator("dust.kick", of.KICK, self.kick),
+            base.Operator("dust.drift", of.DRIFT, self.drift),
+            base.Operator("dust.sort", of.SORT, self.sort),
+        ]
 
     def kick(self, state: State, dt: float) -> None:
         parallel_for(moves.add_scaled, state.dust.count, state.dust.vel, state.dust.acc, dt, light=True)

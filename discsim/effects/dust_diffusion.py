@@ -97,7 +97,6 @@ def _stirred_by_gas(draft: Draft) -> Iterator[Problem]:
 class Effect(base.Effect):
     keys = Keys
     rules = (_one_strength, _moves_by_particles, _stirred_by_gas)
-    acts_on = ()
 
     def __init__(self, scene: Scene, state: State) -> None:
         self.scene, self.dim = scene, scene.space.dimensions
@@ -113,7 +112,11 @@ class Effect(base.Effect):
         self.drag = effects.get("drag")
 
     @classmethod
-    def rows(cls, scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
+    def report(cls, scene: Scene, at: Local) -> base.Report:
+        return base.Report(cls._rows(scene, at), cls._warnings(scene, at))
+
+    @classmethod
+    def _rows(cls, scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
         found = diffusion.at_places(scene, at)
         for i, (strength, _) in enumerate(found):
             which = f" {i}" if len(found) > 1 else ""
@@ -124,7 +127,7 @@ class Effect(base.Effect):
                 yield f"time to diffuse over H{which}", ", ".join(times)
 
     @classmethod
-    def warnings(cls, scene: Scene, at: Local) -> Iterator[str]:
+    def _warnings(cls, scene: Scene, at: Local) -> Iterator[str]:
         if at.step is None or at.resolution is None:
             return
         dt = scene.run.timestep or scene.run.courant * at.step
@@ -144,6 +147,9 @@ class Effect(base.Effect):
         about = SMOOTHING[scene.gas.kernel].neighbours(scene.gas.eta) if scene.gas else 0.0
         passes = 3 if scene.gas and scene.star and scene.drag and scene.drag.direction == "two-way" else 1
         return counts.dust * (WALKED + passes * PAIR * about)
+
+    def operators(self, state: State) -> list[base.Operator]:
+        return [base.Operator("dust_diffusion.walk", base.Slot.MOVE, self.move)]
 
     def move(self, state: State, dt: float) -> None:
         dust = state.dust

@@ -35,7 +35,11 @@ class Effect(base.Effect):
         self.frequency = scene.external.vertical_frequency
 
     @classmethod
-    def warnings(cls, scene: Scene, at: Local) -> Iterator[str]:
+    def report(cls, scene: Scene, at: Local) -> base.Report:
+        return base.Report(warnings=cls._warnings(scene))
+
+    @classmethod
+    def _warnings(cls, scene: Scene) -> Iterator[str]:
         if scene.external.vertical_frequency > 0.0 and scene.space.boundary == "periodic":
             yield (
                 "external.vertical_frequency pulls to the midplane 0, one end of a periodic space, from the other end "
@@ -47,15 +51,23 @@ class Effect(base.Effect):
         frequency = scene.external.vertical_frequency
         return Expected(1.0 / frequency, "by the vertical frequency") if frequency > 0.0 else Expected()
 
-    def accelerate(self, state: State) -> None:
-        for name, particles in state.species.items():
-            particles.acc += self.constant[name]
+    def operators(self, state: State) -> list[base.Operator]:
+        pos, acc = (base.arrays(state.species, name) for name in ("pos", "acc_unshared"))
+        return [
+            base.Operator("external.push", base.Slot.FORCE, self.accelerate, pos, acc),
+            base.Operator("external.limit", base.Slot.LIMIT, self.limit),
+        ]
+
+    def accelerate(self, view: base.View) -> None:
+        for name, particles in view.species.items():
+            acc = particles.acc_unshared
+            acc += self.constant[name]
             if self.frequency > 0.0:
                 # The last axis is z, in one dimension the only axis.
-                particles.acc[:, -1] -= self.frequency**2 * particles.pos[:, -1]
+                acc[:, -1] -= self.frequency**2 * particles.pos[:, -1]
 
-    def limit(self, state: State) -> float:
-        return 1.0 / self.frequency if self.frequency > 0.0 else np.inf
+    def limit(self, view: base.View) -> dict[str, base.Limit]:
+        return {base.ALL: base.Limit(1.0 / self.frequency)} if self.frequency > 0.0 else {}
 
     def potential_energy(self, state: State) -> float:
         energy = 0.0

@@ -8,6 +8,7 @@ third of that of kernel quintic-h.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import chain
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
@@ -16,7 +17,7 @@ from pydantic import BeforeValidator, Field, model_validator
 from discsim.effects import base
 from discsim.formulas.smoothing import SMOOTHING
 from discsim.numerics import alloc
-from discsim.numerics.state import State
+from discsim.numerics.state import FOLLOWED, State
 from discsim.numerics.threads import blocks, copied, fill, parallel_for
 from discsim.parts import EOS, Lazy
 from discsim.physics import centre, companions, viscosity
@@ -230,10 +231,12 @@ def _long_step(scene: Scene, at: Local) -> Iterator[str]:
 NOISE, GATHERING, IN_SHOCKS = 0.15, 0.6, 0.2
 
 
+DENSITY = "gas.density"  # the operator that computes it
+
+
 class Effect(base.Effect):
     keys = Keys
     rules = (_fixed_smoothing, _neighbours, _heat_to_conduct, _switched_twice, _quiet)
-    acts_on = ("gas",)
 
     def __init__(self, scene: Scene, state: State) -> None:
         self.scene = scene
@@ -242,13 +245,10 @@ class Effect(base.Effect):
         self.quiet = None
         if scene.gas.quiet is not None:
             self.quiet = quiet.Box(scene) if scene.star is None else quiet.Disc(scene)
-        self._limit = np.inf
-        self._predicted: tuple[np.ndarray, np.ndarray | None] | None = None  # velocity and energy, from `prepare`
 
     @classmethod
-    def warnings(cls, scene: Scene, at: Local) -> Iterator[str]:
-        yield from _coarse(scene, at)
-        yield from _long_step(scene, at)
+    def report(cls, scene: Scene, at: Local) -> base.Report:
+        return base.Report(warnings=chain(_coarse(scene, at), _long_step(scene, at)))
 
     @classmethod
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
@@ -276,52 +276,65 @@ class Effect(base.Effect):
         worst = int(np.argmin(steps))
         return Expected(float(steps[worst]), where or at.where(worst))
 
-    def discard(self) -> None:
-        self._predicted = None
+    def operators(self, state: State) -> list[base.Operator]:
+        of, found = base.Slot, base.arrays("gas", "h density gradh h_before")
+        reads, moved = base.arrays("gas", "pos mass"), base.arrays("gas", "vel kick_acc u kick_rate") | {"bodies"}
+        made = base.arrays(
+            "gas",
+            "acc_unshared pressure sound_speed density nu heating_rate pressure_acc pressure_vel " + " ".join(FOLLOWED),
+        )
+        return [
+            base.Operator(DENSITY, of.FIELD, self.find_density, reads | moved, found),
+            base.Operator(
+                "gas.forces", of.FORCE, self.accelerate, reads | found | {DENSITY, "gas.small", "bodies"}, made
+            ),
+            base.Operator("gas.limit", of.LIMIT, self.limit, frozenset({"gas.forces"})),
+            base.Operator("gas.kick", of.KICK, kick_gas),
+            base.Operator("gas.drift", of.DRIFT, self.drift),
+            base.Operator("gas.sort", of.SORT, self.sort),
+        ]
 
-    def prepare(self, state: State) -> None:
-        gas = state.gas
+    def find_density(self, view: base.View) -> tuple[np.ndarray, np.ndarray | None] | None:
+        """Compute densities, and return velocity and energy at the time of the positions; None without gas."""
+        gas = view.gas
         if gas.everywhere == 0:  # all gas is accreted
-            return
-        vel, u = self.predicted(state)
+            return None
+        vel, u = self.predicted(view)
         if gas.h_before is not None:
             gas.h_before[:] = gas.h
         self.sph.density(gas, vel)
-        self._predicted = vel, u
+        return vel, u
 
-    def accelerate(self, state: State) -> None:
-        gas = state.gas
-        if gas.everywhere == 0:
-            self._limit = np.inf
-            return
-        if self._predicted is None:
-            self.prepare(state)
-        assert self._predicted is not None
-        (vel, u), self._predicted = self._predicted, None
-        gas.pressure, gas.sound_speed = self._pressure_and_sound_speed(state, u)
+    def accelerate(self, view: base.View) -> float:
+        """Add the forces, and return the step limit."""
+        gas, predicted = view.gas, view.take(DENSITY)
+        if predicted is None:
+            return np.inf
+        vel, u = predicted
+        acc = gas.acc_unshared
+        gas.pressure, gas.sound_speed = self._pressure_and_sound_speed(view, u)
         if gas.nu is not None:
-            pos, speed = state.from_centre(gas.pos), thermal_speed(self.scene, gas)
-            mass = state.central_mass if self.scene.star is not None else None
+            pos, speed = view.from_centre(gas.pos), thermal_speed(self.scene, gas)
+            mass = view.central_mass if self.scene.star is not None else None
             fill(gas.nu, lambda piece: viscosity.diffusivity(self.scene, radius(pos[piece]), speed[piece], mass))
         if gas.heating_rate is not None:
             gas.heating_rate[:] = 0.0
-        before = None if gas.pressure_acc is None else copied(gas.acc)
+        before = None if gas.pressure_acc is None else copied(acc)
         if self.quiet is None:
-            self._limit = self.sph.forces(gas, vel, u, gas.pressure)
+            limit = self.sph.forces(gas, acc, vel, u, gas.pressure)
         else:
-            with self.quiet.pressure_of_pairs(state, self.sph) as pressure:
-                self._limit = self.sph.forces(gas, vel, u, pressure)
+            with self.quiet.pressure_of_pairs(view, self.sph) as pressure:
+                limit = self.sph.forces(gas, acc, vel, u, pressure)
         if gas.pressure_acc is not None:
-            gas.pressure_acc[:] = gas.acc - before
+            gas.pressure_acc[:] = acc - before
             gas.pressure_vel[:] = vel
-        if gas.immobile is not None:
-            gas.acc[gas.immobile] = 0.0
-            if gas.heating_rate is not None:
-                gas.heating_rate[gas.immobile] = 0.0
+        if gas.immobile is not None and gas.heating_rate is not None:
+            gas.heating_rate[gas.immobile] = 0.0
+        return limit
 
-    def _pressure_and_sound_speed(self, state: State, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    def _pressure_and_sound_speed(self, view: base.View, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         """Return pressure and sound speed, (n,) each, at the energies `u` (n,)."""
-        gas, pos = state.gas, state.from_centre(state.gas.pos)
+        gas, pos = view.gas, view.from_centre(view.gas.pos)
         out, roots = (
             (alloc.allocate_like(gas.pressure), alloc.allocate_like(gas.sound_speed)),
             eos_of(self.scene).roots(self.scene),
@@ -340,7 +353,7 @@ class Effect(base.Effect):
         parallel_for(part, gas.count)
         return out
 
-    def predicted(self, state: State) -> tuple[np.ndarray, np.ndarray | None]:
+    def predicted(self, state: State | base.View) -> tuple[np.ndarray, np.ndarray | None]:
         """Return velocity (n, d) and energy (n,) at the time of the positions, which viscosity and pressure need.
 
         `vel` and `u` await their closing kick. The prediction uses the mean rates of the last kick, including drag
@@ -360,14 +373,11 @@ class Effect(base.Effect):
         gas.acc[:] = 0.0
         vel, u = self.predicted(state)
         self.sph.density(gas, vel)
-        self.sph.forces(gas, vel, u, np.zeros(gas.count))
+        self.sph.forces(gas, gas.acc, vel, u, np.zeros(gas.count))
         return gas.acc
 
-    def limit(self, state: State) -> float:
-        return self._limit
-
-    def kick(self, state: State, dt: float) -> None:
-        kick_gas(state, dt)
+    def limit(self, view: base.View) -> dict[str, base.Limit]:
+        return {"gas": base.Limit(view["gas.forces"])}
 
     def drift(self, state: State, dt: float) -> None:
         base.drift(self.scene, state.gas, dt, self.central_masses)
@@ -397,7 +407,7 @@ def kick_energy(state: State, dt: float) -> None:
     gas.u[:] = after
 
 
-def _energy_after(state: State, dt: float) -> np.ndarray:
+def _energy_after(state: State | base.View, dt: float) -> np.ndarray:
     """Return energies (n,) after dt at the rate `kick_rate`, with cooling."""
     gas = state.gas
     return gas.u + dt * gas.kick_rate if state.cooled is None else state.cooled(gas, dt)

@@ -106,8 +106,8 @@ class Background(base.Effect):
     """Table of the given disc, which configures the drag; the effect itself does nothing."""
 
     keys = Keys
+    role = base.Role(table_only=True)
     rules = (_alone_about_a_star, _one_density)
-    runs = False
 
 
 class Dust(dust.Effect):
@@ -117,11 +117,8 @@ class Dust(dust.Effect):
         parallel_for(kernels.drift_dust, state.dust.count, state.dust.pos, state.dust.vel, dt)
 
 
-class Drag(base.Effect):
+class Drag(base.KickEffect):
     """One-way drag of the dust by the given disc."""
-
-    is_kick = True
-    acts_on = ()
 
     def __init__(self, scene: Scene, state: State) -> None:
         self.law = SceneLaw(scene)
@@ -141,8 +138,11 @@ class Drag(base.Effect):
         return OF_CELLS
 
     @classmethod
-    def warnings(cls, scene: Scene, at: Local) -> Iterator[str]:
-        return cautions.warnings(scene, at)
+    def report(cls, scene: Scene, at: Local) -> base.Report:
+        return base.Report(warnings=cautions.warnings(scene, at))
+
+    def operators(self, state: State) -> list[base.Operator]:
+        return [base.Operator("drag.kick", base.Slot.KICK, self.kick)]
 
     def kick(self, state: State, dt: float) -> None:
         self.stopping_times = self._relax(state, state.dust.vel, dt)

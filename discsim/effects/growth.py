@@ -140,8 +140,6 @@ def _brings_masses(draft: Draft) -> Iterator[Problem]:
 class Effect(base.Effect):
     keys = Keys
     rules = (_who_grows, _sizes, _one_population, _of_grains, _brings_masses)
-    acts_on = ()
-
     from_start = ("grains",)
 
     def __init__(self, scene: Scene, state: State) -> None:
@@ -158,7 +156,11 @@ class Effect(base.Effect):
         state.pace = Pace()
 
     @classmethod
-    def rows(cls, scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
+    def report(cls, scene: Scene, at: Local) -> base.Report:
+        return base.Report(cls._rows(scene, at), cls._warnings(scene, at))
+
+    @classmethod
+    def _rows(cls, scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
         found = growth.limits(scene, at)
         if found is None:
             return
@@ -170,7 +172,7 @@ class Effect(base.Effect):
         yield "growth time of settled grains", ", ".join(times)
 
     @classmethod
-    def warnings(cls, scene: Scene, at: Local) -> Iterator[str]:
+    def _warnings(cls, scene: Scene, at: Local) -> Iterator[str]:
         found, (dust,) = growth.limits(scene, at), scene.dust or ()
         if found is not None and dust.grain_size > found.fragmentation.max() > 0.0:
             size = scene.units.show(float(found.fragmentation.max()), "length")
@@ -180,6 +182,12 @@ class Effect(base.Effect):
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
         about = SMOOTHING[scene.gas.kernel].neighbours(scene.gas.eta) if scene.gas else 0.0
         return counts.dust * (GROWN + PASSES * PAIR * about) / STEPS
+
+    def operators(self, state: State) -> list[base.Operator]:
+        return [
+            base.Operator("growth.clock", base.Slot.MOVE, self.move),
+            base.Operator("growth.exchange", base.Slot.EVENT, self.event),
+        ]
 
     def move(self, state: State, dt: float) -> None:
         state.pace = Pace(state.pace.since + dt, state.pace.rate)

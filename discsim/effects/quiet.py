@@ -48,7 +48,7 @@ from discsim.kernels.common import move as moves
 from discsim.kernels.sph import quiet as kernels
 from discsim.kernels.sph.quiet import FIRST, MASS, NUMBER, SECOND
 from discsim.numerics import world
-from discsim.numerics.state import Gas, State
+from discsim.numerics.operators import View
 from discsim.numerics.threads import copied, parallel_for
 from discsim.numerics.totals import totals
 from discsim.physics.centre import kepler_omega
@@ -88,7 +88,7 @@ class Box:
         self.keys, self.area = scene.gas.quiet, float(np.prod(scene.space.size))
 
     @contextmanager
-    def pressure_of_pairs(self, state: State, sph: Sph) -> Iterator[Array]:
+    def pressure_of_pairs(self, state: View, sph: Sph) -> Iterator[Array]:
         """Yield the pressure (n,) in the forces of pairs."""
         gas = state.gas
         assert gas is not None
@@ -114,8 +114,8 @@ class Disc:
         self.width = WIDTH * float((speed / kepler_omega(scene, at) / at)[0])
 
     @contextmanager
-    def pressure_of_pairs(self, state: State, sph: Sph) -> Iterator[Array]:
-        """Yield the pressure (n,) in the forces of pairs; after the context add the push to `acc`.
+    def pressure_of_pairs(self, state: View, sph: Sph) -> Iterator[Array]:
+        """Yield the pressure (n,) in the forces of pairs; after the context add the push to the accelerations.
 
         Density and pressure of the gas become those of eqs. (1, 4). `sph` has the slopes of the velocity.
         """
@@ -123,11 +123,11 @@ class Disc:
         self._follow(state, sph)
         pressure, push, mass_over_mean = self.split(state)
         yield pressure
-        parallel_for(moves.add_scaled, gas.count, gas.acc, push, 1.0, light=True)
+        parallel_for(moves.add_scaled, gas.count, gas.acc_unshared, push, 1.0, light=True)
         gas.density[:] = gas.followed * mass_over_mean
         gas.pressure *= mass_over_mean
 
-    def _follow(self, state: State, sph: Sph) -> None:
+    def _follow(self, state: View, sph: Sph) -> None:
         """Advance the density of the gas to the time of the state, eq. (1)."""
         gas = _gas(state)
         away = np.sqrt((state.from_centre(gas.pos) ** 2).sum(axis=1))
@@ -137,11 +137,11 @@ class Disc:
             gas.followed, gas.divergence, gas.shocked, gas.followed_at,
         )  # fmt: skip
 
-    def split(self, state: State) -> tuple[Array, Array, Array]:
+    def split(self, state: View) -> tuple[Array, Array, Array]:
         """Return the pressure (n,) of pairs, the push (n, 2) of the mean pressure and rho' / rho (n,), eqs. (2-4)."""
         gas, pos = _gas(state), state.from_centre(state.gas.pos)
         r = np.maximum(np.sqrt((pos**2).sum(axis=1)), TINY)
-        pressure, acc = copied(gas.pressure), np.zeros_like(gas.acc)
+        pressure, acc = copied(gas.pressure), np.zeros_like(pos)
         place = self._places(r)
         low, count = _range(place)
         at = np.clip(place - low, 2.0, count - 3.0)
@@ -167,7 +167,7 @@ class Disc:
             log = -np.log(np.maximum(1.0 - self.flaring * log, TINY)) / self.flaring
         return self.reference * np.exp(np.clip(log, -FARTHEST, FARTHEST))
 
-    def _rings(self, state: State, at: Array, r: Array, low: float, count: int) -> Rings:
+    def _rings(self, state: View, at: Array, r: Array, low: float, count: int) -> Rings:
         """Return the means over `count` rings from the ring `low` on; `at` (n,) is relative to `low`."""
         gas = _gas(state)
         pressing = gas.pressure / gas.sound_speed**2
@@ -196,7 +196,7 @@ class Disc:
         return CubicSpline(np.arange(len(number2)), taken * rings.density * speed**2).c
 
 
-def _gas(state: State) -> Gas:
+def _gas(state: View) -> Any:
     assert state.gas is not None and state.gas.followed is not None
     return state.gas
 

@@ -9,13 +9,15 @@ of it.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from pydantic import BeforeValidator, Field
 
 from discsim.effects import base
-from discsim.numerics.state import Particles, State
+from discsim.effects.star import SOFTER, nearest_row
+from discsim.numerics.state import State
 from discsim.numerics.threads import parallel_for
 from discsim.numerics.totals import total
 from discsim.parts import SCHEMES, Lazy
@@ -83,15 +85,11 @@ def _has_orbits(draft: Draft) -> Iterator[Problem]:
 class Effect(base.Effect):
     keys = Keys
     rules = (_needs, _one_a_population, _moves_by_particles, _has_orbits)
-    acts_on = ("dust",)
-    grows_at = base.Effect.grows_at / IN_KICKS
-    softer = "a larger star.accretion_radius or star.softening"
 
     def __init__(self, scene: Scene, state: State) -> None:
         assert scene.star is not None
         self.softening = scene.star.softening
         self.share = 1.0 - pull_share(scene)  # beta of each population
-        self._place = 0.0, 0.0
         self.in_drift, self.step = in_drift(scene), _step(scene)
 
     @classmethod
@@ -107,7 +105,11 @@ class Effect(base.Effect):
         return Expected(step * (away**3 / strongest) ** 0.5, f"at {scene.units.show(outlook.nearest, 'length')}")
 
     @classmethod
-    def warnings(cls, scene: Scene, at: Local) -> Iterator[str]:
+    def report(cls, scene: Scene, at: Local) -> base.Report:
+        return base.Report(warnings=cls._warnings(scene))
+
+    @classmethod
+    def _warnings(cls, scene: Scene) -> Iterator[str]:
         most = 1.0 - float(pull_share(scene).min())
         if most >= 1.0 and scene.drag is not None:
             yield (
@@ -115,29 +117,28 @@ class Effect(base.Effect):
                 "them; expected less than 1 for grains that are to stay"
             )
 
-    def accelerate(self, state: State) -> None:
-        if not self.in_drift:
-            self.acceleration(state)
+    def operators(self, state: State) -> list[base.Operator]:
+        reads, of = base.arrays("dust", "pos species") | {"bodies"}, base.Slot
+        force, acc = of.DRIFT_FORCE if self.in_drift else of.FORCE, base.arrays("dust", "acc_unshared")
+        return [
+            base.Operator("radiation_pressure.push", force, self.accelerate, reads, acc),
+            base.Operator("radiation_pressure.limit", of.LIMIT, self.limit, reads),
+        ]
 
-    def acceleration(self, state: State) -> None:
-        dust, self._place = state.dust, state.star_place
-        strength = state.star_mass * self.share
-        parallel_for(
-            kernels.push, dust.count, state.from_star(dust.pos), dust.species, strength, self.softening, dust.acc
-        )
+    def accelerate(self, view: base.View) -> None:
+        dust, strength = view.dust, view.star_mass * self.share
+        away = view.from_star(dust.pos)
+        parallel_for(kernels.push, dust.count, away, dust.species, strength, self.softening, dust.acc_unshared)
 
-    def limit(self, state: State) -> float:
-        return np.inf if state.unnoticed else self.limit_of(state, "dust")
-
-    def limit_of(self, state: State, name: str) -> float:
-        strongest = state.star_mass * self.share.max()
-        if name != "dust" or state.dust.count == 0 or strongest == 0.0 or self.step == np.inf:
-            return np.inf
-        distance2 = min(parallel_for(stars.nearest, state.dust.count, state.dust.pos, *state.star_place))
-        return self.step * float(((distance2 + self.softening**2) ** 1.5 / strongest) ** 0.5)
-
-    def tightest(self, particles: Particles, acc: np.ndarray) -> int:
-        return int(((particles.pos - self._place) ** 2).sum(axis=1).argmin())
+    def limit(self, view: base.View) -> dict[str, base.Limit]:
+        strongest, pos = view.star_mass * self.share.max(), view.dust.pos
+        if len(pos) == 0 or strongest == 0.0 or self.step == np.inf:
+            return {}
+        distance2 = min(parallel_for(stars.nearest, len(pos), pos, *view.star_place))
+        step = self.step * float(((distance2 + self.softening**2) ** 1.5 / strongest) ** 0.5)
+        return {
+            "dust": base.Limit(step, base.GROWS / IN_KICKS * step, partial(nearest_row, pos, view.star_place), SOFTER)
+        }
 
     def potential_energy(self, state: State) -> float:
         dust = state.dust

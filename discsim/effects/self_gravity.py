@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from itertools import chain
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
@@ -174,6 +175,9 @@ def _coarse_collapse(scene: Scene, at: Local) -> Iterator[str]:
         )
 
 
+POTENTIAL = "self_gravity.potential"  # the operator that solves for it
+
+
 class Effect(base.Effect):
     """Attraction of every species by the species in `self_gravity.sources`.
 
@@ -183,29 +187,25 @@ class Effect(base.Effect):
 
     keys = Keys
     rules = (_boundary_of_a_line, _sheets, _length_of_the_kernel, _sources, _enough_cells)
-    shared = needs_grid = True
-    softer = "a longer self_gravity.softening"
+    role = base.Role(grid=True)
 
     def __init__(self, scene: Scene, state: State) -> None:
         assert scene.self_gravity is not None and state.grid is not None
         self.grid = grid = state.grid
         self.sources = [name for name in state.species if name in scene.self_gravity.sources]
+        self.remedy = "a longer self_gravity.softening"
         self.kernel: Kernel = poisson.Plummer(scene.self_gravity.softening)
         self.smallest = scene.self_gravity.softening  # length over which the force changes
         if scene.self_gravity.kernel == "thin-disc":
             # In the plane of the disc this kernel is as sharp as the grid.
             self.kernel, self.smallest = poisson.ThinDisc(scene.self_gravity.thickness), grid.cell
-            self.softer = "fewer space.cells"
+            self.remedy = "fewer space.cells"
         self.mesh: Mesh = meshes.Mesh(grid, self.kernel)
         self.outside = 0
-        self._made = False  # whether the mesh holds the potential of the last forces
-        self._prepared = False  # whether the mesh holds the potential of the next forces
-        self._strongest: dict[str, float] = {}
 
     @classmethod
-    def warnings(cls, scene: Scene, at: Local) -> Iterator[str]:
-        yield from _unresolved(scene, at)
-        yield from _coarse_collapse(scene, at)
+    def report(cls, scene: Scene, at: Local) -> base.Report:
+        return base.Report(warnings=chain(_unresolved(scene, at), _coarse_collapse(scene, at)))
 
     @classmethod
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
@@ -218,25 +218,26 @@ class Effect(base.Effect):
         columns = pad * shape[-1] // 2 + 1
         return 8 * (4 * math.prod(shape) + 2 * shape[0] * columns + (pad * shape[0] // 2 + 1) * columns)
 
-    def forget(self) -> None:
-        self._made = False
+    def operators(self, state: State) -> list[base.Operator]:
+        sources, pos, of = base.arrays(state.species, "pos mass"), base.arrays(state.species, "pos"), base.Slot
+        acc, force = base.arrays(state.species, "acc"), "self_gravity.pull"
+        return [
+            base.Operator(POTENTIAL, of.FIELD, self.solve, sources),
+            base.Operator(force, of.FORCE, self.accelerate, pos | {POTENTIAL}, acc),
+            base.Operator("self_gravity.limit", of.LIMIT, self.limit, frozenset({force})),
+        ]
 
-    def discard(self) -> None:
-        self._prepared = False
-
-    def prepare(self, state: State) -> None:
-        self.mesh.solve(state.species, self.sources)
+    def solve(self, view: base.View) -> None:
+        """Compute the potential and its gradient on the mesh."""
+        self.mesh.solve(view.species, self.sources)
         self.mesh.differentiate()
-        self._prepared = True
 
-    def accelerate(self, state: State) -> None:
-        if not self._prepared:
-            self.prepare(state)
-        self._made, self._prepared = True, False
+    def accelerate(self, view: base.View) -> dict[str, float]:
+        """Add the accelerations, and return the largest one of each species."""
         monopole: _Monopole | None = None
-        self.outside = 0
-        found = self.mesh.pull((p.pos, p.acc) for p in state.species.values())
-        for (name, particles), (strongest, missing) in zip(state.species.items(), found, strict=True):
+        largest, self.outside = {}, 0
+        found = self.mesh.pull((p.pos, p.acc) for p in view.species.values())
+        for (name, particles), (strongest, missing) in zip(view.species.items(), found, strict=True):
             if missing > 0:
                 outside = self.grid.outside(particles.pos)
                 monopole = monopole or self._monopole()
@@ -244,7 +245,8 @@ class Effect(base.Effect):
                 particles.acc[outside] += acceleration
                 strongest = max(strongest, kernels.largest_norm(acceleration))
             self.outside += missing
-            self._strongest[name] = strongest
+            largest[name] = strongest
+        return largest
 
     @classmethod
     def expected_limit(cls, scene: Scene, outlook: Outlook) -> Expected:
@@ -256,21 +258,16 @@ class Effect(base.Effect):
         pull = 2.0 * np.pi * float(outlook.at.density[densest])
         return Expected(math.sqrt(length / pull), outlook.at.where(densest))
 
-    def limit(self, state: State) -> float:
-        """Return the least `limit_of` of the species that may limit the step."""
-        limiting = {id(particles) for particles in state.limiting}
-        return min(self.limit_of(state, name) for name, p in state.species.items() if id(p) in limiting)
-
-    def limit_of(self, state: State, name: str) -> float:
-        """Return the least sqrt(length / |a|) of a species; length is the softening, or the grid cell for a thin
-        disc.
-        """
-        largest = self._strongest.get(name, 0.0)
-        return float(np.sqrt(self.smallest / largest)) if largest > 0 else float("inf")
+    def limit(self, view: base.View) -> dict[str, base.Limit]:
+        """Return the least sqrt(length / |a|) of each species; length is the softening, or the cell for a thin disc."""
+        return {
+            name: base.Limit(float(np.sqrt(self.smallest / largest)), remedy=self.remedy)
+            for name, largest in view["self_gravity.pull"].items() if largest > 0
+        }  # fmt: skip
 
     def potential_energy(self, state: State) -> float:
         """Return half the sum of m phi over the sources, in the potential of the last forces."""
-        if not self._made:
+        if POTENTIAL not in state.results:
             self.mesh.solve(state.species, self.sources)
         return 0.5 * sum(self._energy(state.species[name]) for name in self.sources)
 

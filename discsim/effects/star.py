@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from functools import partial
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
@@ -39,8 +40,9 @@ if TYPE_CHECKING:
     from discsim.physics.local import Outlook
     from discsim.scene import Scene
 
-kernels, moves = Lazy("discsim.kernels.gravity.point_masses"), Lazy("discsim.kernels.common.move")
+kernels = Lazy("discsim.kernels.gravity.point_masses")
 
+SOFTER = "a larger star.accretion_radius or star.softening"
 PULL = 5.0  # CPU nanoseconds in a step, per particle; twice if its pull on the star counts
 
 
@@ -103,11 +105,15 @@ def _frame(draft: Draft) -> Iterator[Problem]:
         yield ("star", "grows"), "the star takes nothing; expected star.accretion_radius too"
 
 
+def nearest_row(pos: np.ndarray, place: tuple[float, float]) -> int:
+    """Return the index of the position (n, 2) that is nearest to a place."""
+    return int(((pos - place) ** 2).sum(axis=1).argmin())
+
+
 class Effect(base.Effect):
     keys = Keys
+    role = base.Role(centre=True)
     rules = (_at_the_centre, _who_pulls, _frame)
-    shared = marks_centre = writes_first = True
-    softer = "a larger star.accretion_radius or star.softening"
 
     def __init__(self, scene: Scene, state: State) -> None:
         self.star = scene.star
@@ -117,11 +123,8 @@ class Effect(base.Effect):
         # drift of the star.
         self.all_in_kick = scene.model.given is not None
         self.in_drift, self.step = in_drift(scene), step_of_circle(scene)
-        self.grows_at = math.inf if self.in_drift else base.Effect.grows_at / self.step
-        self._place = 0.0, 0.0
         # Displacement and change of velocity of gas and dust by the motion of the frame in a drift.
         self._of_frame = np.zeros(2), np.zeros(2)
-        self._nearest: dict[str, float] = {}  # least squared distances of the last event, for the limit after it
 
     @classmethod
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
@@ -138,24 +141,28 @@ class Effect(base.Effect):
             f"at {scene.units.show(outlook.nearest, 'length')}",
         )
 
-    def accelerate(self, state: State) -> None:
-        if not self.in_drift:
-            self.acceleration(state)
-            return
-        for name in state.blank:
-            parallel_for(moves.blank, state.species[name].count, state.species[name].acc, light=True)
+    def operators(self, state: State) -> list[base.Operator]:
+        reads, of = base.arrays(state.species, "pos mass") | {"bodies"}, base.Slot
+        force = of.DRIFT_FORCE if self.in_drift else of.FORCE
+        return [
+            base.Operator("star.pull", force, self.accelerate, reads, base.arrays(state.species, "acc"), starts=True),
+            base.Operator("star.limit", of.LIMIT, self.limit, reads | {"star.nearest"}),
+            base.Operator("star.drift", of.DRIFT, self.drift),
+            base.Operator("star.frame", of.MOVE, self.move),
+            base.Operator("star.nearest", of.EVENT, self.event),
+        ]
 
-    def acceleration(self, state: State) -> None:
-        self._place = place = state.star_place
-        bodies, given = state.bodies, (state.star_pull, self.star.softening, *place)
-        both, counted = state.species, self.counted if bodies is not None else []
+    def accelerate(self, view: base.View) -> None:
+        bodies, given = view.bodies, (view.star_pull, self.star.softening, *view.star_place)
+        both, counted = view.species, self.counted if view.bodies is not None else []
+        first = {name for name in both if view.is_first(f"{name}.acc")}
         for name, p in both.items():
             if name not in counted:
-                parallel_for(kernels.attract, p.count, p.pos, p.acc, name in state.blank, *given, light=True)
+                parallel_for(kernels.attract, p.count, p.pos, p.acc, name in first, *given, light=True)
         if bodies is None:
             return
         mutual = {name: p for name, p in both.items() if name in counted}
-        pulling = [(p.count, p.pos, p.acc, name in state.blank, p.mass, *given) for name, p in mutual.items()]
+        pulling = [(p.count, p.pos, p.acc, name in first, p.mass, *given) for name, p in mutual.items()]
         for name, limbs in zip(mutual, parallel_for_ranges(kernels.attract_mutually, pulling), strict=True):
             bodies.pulled[0, SPECIES.index(name)] = rounded(sum(limbs))
         of_frame = self.orbits.frame_acceleration(bodies, beyond_drift=not self.all_in_kick).tolist()
@@ -164,19 +171,16 @@ class Effect(base.Effect):
         if bodies.count == 1:
             self.orbits.accelerate(bodies)
 
-    def limit(self, state: State) -> float:
-        limiting = {id(particles) for particles in state.limiting}
-        return min(self.limit_of(state, name) for name, p in state.species.items() if id(p) in limiting)
-
-    def limit_of(self, state: State, name: str) -> float:
-        p = state.species[name]
-        distance2 = self._nearest.pop(name, None) or min(
-            parallel_for(kernels.nearest, p.count, p.pos, *state.star_place, light=True)
-        )
-        return self.step * ((distance2 + self.star.softening**2) ** 1.5 / state.star_pull) ** 0.5
-
-    def tightest(self, particles: Particles, acc: np.ndarray) -> int:
-        return int(((particles.pos - self._place) ** 2).sum(axis=1).argmin())
+    def limit(self, view: base.View) -> dict[str, base.Limit]:
+        nearest, found = view.take("star.nearest", {}), {}
+        for name, p in view.species.items():
+            distance2 = nearest.get(name) or min(
+                parallel_for(kernels.nearest, p.count, p.pos, *view.star_place, light=True)
+            )
+            step = self.step * ((distance2 + self.star.softening**2) ** 1.5 / view.star_pull) ** 0.5
+            unstable = math.inf if self.in_drift else base.GROWS / self.step * step
+            found[name] = base.Limit(step, unstable, partial(nearest_row, p.pos, view.star_place), SOFTER)
+        return found
 
     def drift(self, state: State, dt: float) -> None:
         if state.bodies is not None:
@@ -192,7 +196,9 @@ class Effect(base.Effect):
                 else:
                     vectors[~p.immobile] += moved
 
-    def event(self, state: State) -> None:
+    def event(self, state: State) -> dict[str, float]:
+        """Accrete particles, and return the least squared distances of the others from the star, where known."""
+        nearest: dict[str, float] = {}
         if state.bodies is not None:
             self.orbits.place(state.bodies, state.time)
         if self.star.accretion_radius > 0.0:
@@ -200,12 +206,13 @@ class Effect(base.Effect):
             ranges = [(p.count, p.pos, *given) for p in state.species.values()]
             found = parallel_for_ranges(kernels.split_by_radius, ranges, light=True)
             for (name, particles), near in zip(state.species.items(), found, strict=True):
-                self._nearest[name] = min(least for least, _ in near)
+                nearest[name] = min(least for least, _ in near)
                 self._accrete(state, name, particles, np.concatenate([inside for _, inside in near]))
             if state.bodies is not None and self.star.grows:
                 if self.orbits.inertial:
-                    self._nearest = {}  # the star may have moved
+                    nearest = {}  # the star may have moved
                 self.orbits.place(state.bodies, state.time)
+        return nearest
 
     def _accrete(self, state: State, name: str, particles: Particles, gone: np.ndarray) -> None:
         """Remove the particles `gone` (indices) of a species, record them in the ledger, and give them to a growing

@@ -20,6 +20,7 @@ from pydantic import Field
 
 from discsim.exact import nsh
 from discsim.initial import start_of, support
+from discsim.numerics.operators import accelerate
 from discsim.parts import Lazy
 from discsim.physics import profile, radiation
 from discsim.physics.centre import star_pull
@@ -282,7 +283,7 @@ def mean_gravity(state: State, effects: dict[str, Any]) -> Callable[[Array], Arr
     r = np.concatenate([np.sqrt((p.pos**2).sum(axis=1)) for p in state.limiting])
     for p in state.species.values():
         p.acc[:] = 0.0
-    effects["self_gravity"].accelerate(state)
+    accelerate(effects["self_gravity"], state)
     inward = -np.concatenate([(p.acc * p.pos).sum(axis=1) for p in state.limiting]) / r
     edges = np.linspace(r.min(), r.max(), max(2, int(np.ptp(r) / state.grid.cell)) + 1)
     number, _ = np.histogram(r, edges)

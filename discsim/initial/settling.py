@@ -18,6 +18,7 @@ from pydantic import Field
 from discsim.initial import joined, populations, random_stream
 from discsim.initial.base import Places, Start
 from discsim.initial.measure import ErrorMeasure
+from discsim.numerics.operators import accelerate
 from discsim.parts import LAWS, Lazy
 from discsim.scene.fields import Default, Density, Length, Table
 
@@ -143,7 +144,7 @@ def _settle(state: State, effects: dict[str, Any]) -> None:
             for particles in state.species.values():
                 particles.acc[:] = 0.0
             for name in ("gas", "external"):
-                effects[name].accelerate(state)
+                accelerate(effects[name], state)
         gas.pos[free] = place
         return gas.acc[free, 0].copy()
 

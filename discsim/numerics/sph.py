@@ -258,8 +258,10 @@ class Sph:
         members = (most + TILE - 1) // TILE * TILE * MEMBER_ROWS
         return [(part, Work(packs[k], np.zeros(members), np.empty((most, 5)))) for k, part in enumerate(lists)]
 
-    def forces(self, gas: Gas, vel: np.ndarray, u: np.ndarray | None, pressure: np.ndarray) -> float:
-        """Add forces to `acc` and heating to `heating_rate`; return the time-step limit over the Courant factor."""
+    def forces(self, gas: Gas, acc: np.ndarray, vel: np.ndarray, u: np.ndarray | None, pressure: np.ndarray) -> float:
+        """Add forces to `acc` (n, d) and heating to `gas.heating_rate`; return the time-step limit over the Courant
+        factor.
+        """
         terms = self.pairs, u is not None, self.conductivity is not None
         both, found = self.both, self.found
         derivatives = {NO_DERIVATIVES: (), DIV_CURL: (found.div, found.curl), SLOPES: (found.slopes,)}[self.derived]
@@ -284,10 +286,10 @@ class Sph:
             force_columns, len(mass), Given(moving, mass), found, pressure, sound, energy, nu, *terms,
             alpha, scale, self.cells.order, columns,
         )  # fmt: skip
-        acc, rate = both.beside(gas.acc), NONE if u is None else both.beside(gas.heating_rate)
+        sums, rate = both.beside(acc), NONE if u is None else both.beside(gas.heating_rate)
         driver, filled = self.driver(u, nu, self._uneven(gas)), self.cells.filled
         met = self.cells._replace(filled=filled[self.met[filled]])
-        given = columns, sound, immobile, acc, rate, strengths, scale
+        given = columns, sound, immobile, sums, rate, strengths, scale
 
         def again(first: int, last: int) -> Any:
             (part,) = self.parts([self.list_anew(met, met.filled, first, last)])
@@ -295,7 +297,7 @@ class Sph:
 
         rates = parallel_for(driver, len(filled), *given, self.cells, self.met, False, least=LEAST, each=self.lists)
         rates += parallel_for(again, len(met.filled), least=LEAST)
-        both.keep(gas.acc, acc)
+        both.keep(acc, sums)
         if u is not None:
             both.keep(gas.heating_rate, rate)
         # The rate of conduction: in a step of 1 / rate a particle reaches the mean energy of its neighbours. In a

@@ -252,7 +252,7 @@ class State:
     # If an effect kicks gas and dust together: accelerations (n, dimensions) of each species that the other one at the
     # same position does not have; arrays without entries if there are none.
     own_acc: dict[str, Array] = field(default_factory=dict)
-    blank: set[str] = field(default_factory=set)  # species whose `acc` is still uninitialised in this step
+    results: dict[str, Any] = field(default_factory=dict)  # of operators at the present positions, by their names
     ledger: Ledger = field(default_factory=Ledger)
     pace: Pace | None = None  # clock of a sub-cycled effect
     # If gas cools: return its energies (n,) after a time at `kick_rate`, for kicks and predictions of u.
@@ -272,7 +272,6 @@ class State:
             dust=self.dust and self.dust.read_only(),
             bodies=self.bodies and Bodies(**{name: read_only(array) for name, array in self.bodies.arrays().items()}),
             own_acc={name: read_only(array) for name, array in self.own_acc.items()},
-            blank=set(self.blank),
             ledger=deepcopy(self.ledger),
         )
 

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from discsim.effects.base import KickEffect
 from discsim.numerics.totals import total, totals
 from discsim.output.files import appended, replace_atomically
 from discsim.parts import Lazy
@@ -180,7 +181,7 @@ def history_row(
         gas.spin + dust.spin, gas.kinetic, dust.kinetic, _thermal(state),
         float(sum(effect.potential_energy(state) for effect in effects.values())),
         state.ledger.accreted_gas, state.ledger.accreted_dust,
-        float(max((effect.uncoupled for effect in effects.values()), default=0.0)),
+        float(max((e.uncoupled for e in effects.values() if isinstance(e, KickEffect)), default=0.0)),
         *_accretion_rates(state, before), _radiated(state.gas), *small,
     ]  # fmt: skip
 

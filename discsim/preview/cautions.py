@@ -18,6 +18,6 @@ def warnings(scene: Scene) -> list[str]:
     at = local(scene)
     of_start = start_of(scene).warnings
     with np.errstate(over="ignore"):  # an infinite length or mass compares correctly
-        told = [line for effect in effect_classes(scene).values() for line in effect.warnings(scene, at)]
+        told = [line for effect in effect_classes(scene).values() for line in effect.report(scene, at).warnings]
         told += [*support.warnings(scene), *close_pairs(scene)]
         return told if of_start is None else [*told, *of_start(scene)]

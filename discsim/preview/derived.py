@@ -118,7 +118,7 @@ def effect_rows(scene: Scene) -> list[tuple[str, str]]:
         return []
     at = local(scene)
     with np.errstate(all="ignore"):  # infinities are shown as they are
-        return [row for effect in effect_classes(scene).values() for row in effect.rows(scene, at)]
+        return [row for effect in effect_classes(scene).values() for row in effect.report(scene, at).rows]
 
 
 def _mass_rows(scene: Scene) -> Iterator[tuple[str, str]]:
@@ -189,7 +189,7 @@ def _grid_rows(scene: Scene) -> Iterator[tuple[str, str]]:
 
 def grid(scene: Scene) -> tuple[float, tuple[int, ...]] | None:
     """Return the side of the grid's cells and their number along each axis; None if the run has no grid."""
-    if not any(effect.needs_grid for effect in effect_classes(scene).values()):
+    if not any(effect.role.grid for effect in effect_classes(scene).values()):
         return None
     first = (scene.gas,) if scene.gas else scene.dust or ()
     cell, shape = grid_cells(scene, sum(particle_count(scene, species) for species in first))

@@ -55,7 +55,7 @@ def _table_text(name: str) -> str:
         return "\n".join([f"[{name}]", *_text_of(name)])
     effect = EFFECTS[name]
     lines = [f"[{name}]", *_indented(docstring(EFFECTS.module(name))), "", *_text_of(name)]
-    return "\n".join([*lines, *(_schemes() if effect.lists_schemes else [])])
+    return "\n".join([*lines, *(_schemes() if effect.role.lists_schemes else [])])
 
 
 def scene_markdown() -> str:

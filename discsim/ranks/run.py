@@ -15,7 +15,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from discsim.effects.base import Effect
+from discsim.effects.base import Effect, kick_effect
 from discsim.numerics.state import State
 from discsim.output.checkpoint import Values
 from discsim.output.contents import Extent, extent_of
@@ -32,7 +32,6 @@ from discsim.ranks.comm import Comm
 from discsim.ranks.gathering import gathered, gathered_columns
 from discsim.ranks.start import begun
 from discsim.ranks.world import Ranks
-from discsim.run.forces import kick_owner
 from discsim.run.progress import Progress
 from discsim.run.records import Records
 from discsim.run.runner import Run, ended
@@ -171,7 +170,7 @@ class DividedRun(Run):
     def _output(self) -> None:
         sim, comm, divided = self.sim, self.comm, files.to_divide(self.comm, self.sim.state)
         unfinished = gathered(comm, sim.state, "ids", divided, OPEN)
-        open_step = open_step_of(unfinished, kick_owner(sim.effects) is not None)
+        open_step = open_step_of(unfinished, kick_effect(sim.effects) is not None)
         del unfinished  # to free memory
         with sim.closed() as state:
             extra = gathered_columns(comm, state, columns(state, sim.effects.values()), "ids", divided)

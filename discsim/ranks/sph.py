@@ -50,9 +50,9 @@ class DividedSph(Sph):
         self.room = max(HALO, MORE * max(self._found))
         return True
 
-    def forces(self, gas: Gas, vel: Array, u: Array | None, pressure: Array) -> float:
+    def forces(self, gas: Gas, acc: Array, vel: Array, u: Array | None, pressure: Array) -> float:
         """Compute forces as `Sph.forces`, and free the neighbour data: a kick needs the memory."""
-        found = super().forces(gas, vel, u, pressure)
+        found = super().forces(gas, acc, vel, u, pressure)
         del self.both, self.cells, self.lists, self.found, self.met
         self.columns = self.columns[:0].copy()
         return found

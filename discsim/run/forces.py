@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from functools import partial
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
 
-from discsim.effects.base import Effect, overriding
+from discsim.effects.base import Effect, kick_effect
 from discsim.numerics import alloc, world
+from discsim.numerics.operators import GROWS, Limit, Operator, Slot, View, accelerate, limits
 from discsim.numerics.state import State
 from discsim.numerics.thread_pool import run_concurrently, several_threads
 from discsim.numerics.threads import copied, parallel_for
@@ -21,6 +24,7 @@ from discsim.run.costs import Costs
 moves = Lazy("discsim.kernels.common.move")
 
 Effects = Mapping[str, Effect]
+Array = np.ndarray
 
 
 class PhysicsError(UserError):
@@ -41,169 +45,200 @@ class Limits(NamedTuple):
     growing: float = math.inf
 
 
-def kick_owner(effects: Effects) -> str | None:
-    """Return the effect that kicks gas and dust together; None if each species has its own kick."""
-    return next((name for name, effect in effects.items() if effect.is_kick), None)
+class Plan:
+    """Operators of the effects of a run by slot, each with the name of its effect.
 
-
-def accelerate(state: State, effects: Effects, costs: Costs) -> None:
-    """Compute the accelerations of all effects and, for the owner of the kick, those that gas and dust do not share.
-
-    On several threads all effects prepare at the same time. Then the owner of the kick prepares its kick while all
-    effects accelerate. On one thread nothing is prepared early, as it would leave the caches before its use. On
-    several processes nothing is prepared early either, as collective calls have to come in one order.
+    Forces that gas and dust share come first. Raises TypeError if operators that run at the same time do not fit.
     """
+
+    def __init__(self, effects: Effects, state: State) -> None:
+        self.names, self.kicks_together = [*effects], kick_effect(effects)
+        self._slots: dict[Slot, list[tuple[str, Operator]]] = {slot: [] for slot in Slot}
+        for name, effect in effects.items():
+            for operator in effect.operators(state):
+                if operator.slot is not Slot.KICK or self.kicks_together in (None, name):
+                    self._slots[operator.slot].append((name, operator))
+        self._slots[Slot.FORCE].sort(key=lambda each: not _is_shared(each[1]))
+        self._check()
+
+    def __getitem__(self, slot: Slot) -> list[tuple[str, Operator]]:
+        return self._slots[slot]
+
+    def fields_of(self, operator: Operator) -> list[tuple[str, Operator]]:
+        """Return the fields that an operator reads."""
+        return [field for field in self[Slot.FIELD] if field[1].name in operator.reads]
+
+    def writes(self, name: str) -> bool:
+        """Return whether a force writes to accelerations such as "gas.acc"."""
+        return any(name in operator.writes for _, operator in self[Slot.FORCE])
+
+    def _check(self) -> None:
+        fields, forces, inputs = (
+            [each for _, each in self[slot]] for slot in (Slot.FIELD, Slot.FORCE, Slot.KICK_INPUT)
+        )
+        for one, other in [*combinations(fields, 2), *((force, each) for force in forces for each in inputs)]:
+            if both := one.writes & (other.reads | other.writes) | other.writes & one.reads:
+                raise TypeError(f"{one.name} and {other.name} run at the same time, and both use {min(both)}")
+        for force in forces:
+            if not force.writes:
+                raise TypeError(f"the force {force.name} writes nothing; expected accelerations among its writes")
+
+
+def _is_shared(operator: Operator) -> bool:
+    return any(name.endswith(".acc") for name in operator.writes)
+
+
+class _Sums:
+    """Accelerations while forces are added: `acc` by name, such as "gas.acc", and those still uninitialised.
+
+    If an effect kicks gas and dust together, shared and unshared accelerations have arrays of their own; otherwise both
+    names have the same array.
+    """
+
+    def __init__(self, state: State, plan: Plan) -> None:
+        self.state, self.apart = state, plan.kicks_together is not None
+        self.acc: dict[str, Array] = {}
+        for name, p in state.species.items():
+            shared, unshared = plan.writes(f"{name}.acc"), plan.writes(f"{name}.acc_unshared")
+            if shared or not unshared or not self.apart:
+                self.acc[f"{name}.acc"] = p.acc
+            if unshared:
+                both = shared and self.apart
+                self.acc[f"{name}.acc_unshared"] = alloc.allocate_like(p.acc) if both else p.acc
+        self._blank = {id(array): array for array in self.acc.values()}
+
+    def first(self, operator: Operator) -> set[str]:
+        """Return the names of uninitialised accelerations that an operator writes, and set them to 0 unless it
+        overwrites them.
+        """
+        found = set()
+        for name in sorted(operator.writes & self.acc.keys()):
+            if self._blank.pop(id(self.acc[name]), None) is not None:
+                found.add(name)
+                if not operator.starts:
+                    _set_to_zero(self.acc[name])
+        return found
+
+    def merge(self) -> None:
+        """Store the sum of all accelerations in `acc`, and the unshared ones in `own_acc`."""
+        state = self.state
+        for array in self._blank.values():
+            _set_to_zero(array)
+        if not self.apart:
+            return
+        state.own_acc = {name: self.acc.get(f"{name}.acc_unshared", p.acc[:0]) for name, p in state.species.items()}
+        for name, p in state.species.items():
+            unshared = self.acc.get(f"{name}.acc_unshared")
+            if unshared is p.acc:
+                p.acc = copied(p.acc)
+            elif unshared is not None:
+                parallel_for(moves.add_scaled, p.count, p.acc, unshared, 1.0, light=True)
+
+
+def _set_to_zero(array: Array) -> None:
+    parallel_for(moves.blank, len(array), array, light=True)
+
+
+def add_forces(state: State, plan: Plan, costs: Costs) -> None:
+    """Compute the accelerations by all effects and, if an effect kicks gas and dust together, those that the two do
+    not share.
+
+    On several threads all fields are computed at the same time, and then the input of the kick beside the forces. On
+    one thread a field is computed just before its first reader, as it would leave the caches otherwise. On several
+    processes too, as collective calls have to come in one order.
+    """
+    for _, operator in [*plan[Slot.FIELD], *plan[Slot.KICK_INPUT]]:
+        state.results.pop(operator.name, None)  # those of earlier positions
     try:
         if not several_threads() or world.together.many:
-            _add_all(state, effects, costs)
+            _add_all(state, plan, costs)
             return
-        preparing = (
-            partial(_do, effects[name].prepare, state, name, costs, calls=0) for name in overriding(effects, "prepare")
-        )
-        run_concurrently(*preparing)
-        accelerating: list[Callable[[], None]] = [partial(_add_all, state, effects, costs)]
-        owner = kick_owner(effects)
-        if owner is not None:
-            accelerating.append(partial(_do, effects[owner].prepare_kick, state, owner, costs, calls=0))
-        run_concurrently(*accelerating)
+        run_concurrently(*(partial(_make, state, *each, costs) for each in plan[Slot.FIELD]))
+        inputs: list[Callable[[], None]] = [partial(_make, state, *each, costs) for each in plan[Slot.KICK_INPUT]]
+        run_concurrently(partial(_add_all, state, plan, costs), *inputs)
     except BaseException:
-        state.blank.clear()
-        for effect in effects.values():
-            effect.discard()
+        state.results.clear()
         raise
 
 
-def _add_all(state: State, effects: Effects, costs: Costs) -> None:
-    """Add the accelerations of all effects, those that gas and dust share first.
+def _add_all(state: State, plan: Plan, costs: Costs) -> None:
+    sums = _Sums(state, plan)
+    for name, operator in plan[Slot.FORCE]:
+        for field in plan.fields_of(operator):
+            if field[1].name not in state.results:
+                _make(state, *field, costs)
+        _make(state, name, operator, costs, sums)
+        for species, p in state.species.items():
+            if p.immobile is not None:
+                for written in operator.writes & {f"{species}.acc", f"{species}.acc_unshared"}:
+                    sums.acc[written][p.immobile] = 0.0
+    if plan.kicks_together is None:
+        sums.merge()
+    else:
+        with costs(plan.kicks_together, calls=0):
+            sums.merge()
 
-    On several threads one of them still makes the position data of the kick, and short loops gain nothing from two
-    threads. The sums of the gas's forces, which do gain, come last.
+
+def _make(state: State, name: str, operator: Operator, costs: Costs, sums: _Sums | None = None) -> None:
+    """Run an operator at the cost of the effect `name`, and keep its result. A FloatingPointError becomes a
+    PhysicsError.
     """
-    alike = [name for name, effect in effects.items() if effect.shared]
-    own = [name for name in effects if name not in alike]
-    owner = kick_owner(effects)
-    state.blank.clear()
-    _blank(state, effects, alike if owner is not None else [*alike, *own], [*state.species])
-    for name in alike:
-        _add(state, effects[name], name, costs)
-    felt = {species for name in alike for species in effects[name].acts_on}
-    common: dict[str, np.ndarray] = {}
-    if owner is not None:
-        with costs(owner):
-            common = _save_shared(state, felt & _acted_on(effects, own), effects, own)
-    for name in own:
-        _add(state, effects[name], name, costs)
-    if owner is not None:
-        with costs(owner):
-            _merge_accelerations(state, _acted_on(effects, own), common)
-
-
-def _acted_on(effects: Effects, names: list[str]) -> set[str]:
-    """Return the species that the effects `names` accelerate."""
-    return {species for name in names for species in effects[name].acts_on}
-
-
-def _blank(state: State, effects: Effects, order: list[str], species: Iterable[str]) -> None:
-    """Set `acc` of the given species to 0, unless the first effect in `order` that accelerates a species overwrites
-    it.
-    """
-    for name in species:
-        p = state.species[name]
-        first = next((effects[one] for one in order if name in effects[one].acts_on), None)
-        if first is not None and first.writes_first:
-            state.blank.add(name)
-        else:
-            parallel_for(moves.blank, p.count, p.acc, light=True)
-
-
-def _save_shared(state: State, species: set[str], effects: Effects, left: list[str]) -> dict[str, np.ndarray]:
-    """Return the shared accelerations of the given species, and give the species a new `acc`.
-
-    left: effects still to accelerate.
-    """
-    found = {name: p.acc for name, p in state.species.items() if name in species}
-    for name in found:
-        state.species[name].acc = alloc.allocate_like(found[name])
-    _blank(state, effects, left, found)
-    return found
-
-
-def _merge_accelerations(state: State, alone: set[str], common: dict[str, np.ndarray]) -> None:
-    """Store the unshared accelerations in `own_acc`, and add the shared ones, `common`, to `acc`.
-
-    alone: species with unshared accelerations.
-    """
-    state.own_acc = {name: p.acc if name in alone else p.acc[:0] for name, p in state.species.items()}
-    for name, p in state.species.items():
-        if name in common:
-            own, p.acc = p.acc, common[name]
-            parallel_for(moves.add_scaled, p.count, p.acc, own, 1.0, light=True)
-        elif name in alone:
-            p.acc = copied(p.acc)
-
-
-def _do(what: Callable[[State], None], state: State, name: str, costs: Costs, calls: int = 1) -> None:
-    """Call `what(state)` at the cost of `name`; a FloatingPointError becomes a PhysicsError."""
     try:
-        with costs(name, calls):
-            what(state)
+        with costs(name, calls=int(sums is not None)):
+            seen = View(state, operator, state.results, *(() if sums is None else (sums.acc, sums.first(operator))))
+            state.results[operator.name] = operator.run(seen)
     except FloatingPointError as fault:
         raise PhysicsError(str(fault)) from fault
 
 
-def _add(state: State, effect: Effect, name: str, costs: Costs) -> None:
-    _do(effect.accelerate, state, name, costs)
-    for species in effect.acts_on:
-        state.blank.discard(species)
-    for p in state.species.values():
-        if p.immobile is not None:
-            p.acc[p.immobile] = 0.0
-
-
-def acceleration_of(effect: Effect, state: State) -> dict[str, np.ndarray]:
-    """Return the present accelerations by one effect, (n, dimensions) by species.
-
-    The effect acts on copies, since some effects change more than `acc`.
-    """
+@contextmanager
+def _on_copies(state: State) -> Iterator[None]:
+    """Replace the particles by copies without accelerations within the context, as effects change more than `acc`."""
     gas, dust, bodies = state.gas, state.dust, state.bodies
     try:
         state.gas, state.dust, state.bodies = gas and gas.copy(), dust and dust.copy(), bodies and bodies.copy()
         for p in state.species.values():
             p.acc[:] = 0.0
-        effect.acceleration(state)
-        return {name: p.acc for name, p in state.species.items()}
+        yield
     finally:
         state.gas, state.dust, state.bodies = gas, dust, bodies
 
 
-def limits_of(state: State, effects: Effects) -> tuple[dict[str, float], Limits]:
+def acceleration_of(effect: Effect, state: State) -> dict[str, Array]:
+    """Return the present accelerations by one effect, (n, dimensions) by species, including those in the drift."""
+    with _on_copies(state):
+        accelerate(effect, state, with_drift=True)
+        return {name: p.acc for name, p in state.species.items()}
+
+
+def limit_of_dust(effect: Effect, state: State) -> tuple[int, str]:
+    """Return the index of the grain that sets the limit by an effect, and the remedy."""
+    with _on_copies(state):
+        found: Limit = limits(effect, state, accelerate(effect, state))["dust"]
+        row = int((state.species["dust"].acc ** 2).sum(axis=1).argmax()) if found.row is None else found.row()
+        return row, found.remedy
+
+
+def limits_of(state: State, plan: Plan, costs: Costs) -> tuple[dict[str, float], Limits]:
     """Return the step limit of each effect, and the least of all."""
-    limits = _least_of_all({name: effect.limit(state) for name, effect in effects.items()})
-    least = Limits(*_least(limits), growing=min(_unstable_step(effects[name], limit) for name, limit in limits.items()))
-    if state.unnoticed:
+    unnoticed, none = state.unnoticed, Limit(math.inf)
+    found: dict[str, dict[str, Limit]] = {name: {} for name in plan.names}
+    for name, operator in plan[Slot.LIMIT]:
+        with costs(name, calls=0):
+            found[name] |= operator.run(View(state, operator, state.results))
+    each = np.empty((3, len(found)))  # longest step, unstable step, and longest step of one-way dust
+    for k, of_effect in enumerate(found.values()):
+        noticed = {species: limit for species, limit in of_effect.items() if species != "dust" or not unnoticed}
+        each[0, k] = min((limit.step for limit in noticed.values()), default=math.inf)
+        each[1, k] = min((limit.growing for limit in noticed.values()), default=math.inf)
         # The limit of dust is 1 / frequency. A circular orbit keeps its energy to 12% in such steps, to 1% in half.
-        of_dust = _least_of_all(
-            {
-                name: _unstable_step(effect, effect.limit_of(state, "dust")) / Effect.grows_at
-                for name, effect in effects.items()
-            }
-        )
-        dust, by = _least(of_dust)
-        least = least._replace(dust=dust, dust_by=by)
-    return limits, least
-
-
-def _unstable_step(effect: Effect, limit: float) -> float:
-    """Return the step above which errors grow without end in what an effect limits.
-
-    The result is inf if they grow at no step, even for a limit of 0.
-    """
-    return effect.grows_at * limit if effect.grows_at < math.inf else math.inf
-
-
-def _least_of_all(limits: dict[str, float]) -> dict[str, float]:
-    """Return the least limits over all processes."""
-    return dict(zip(limits, world.together.least(np.array([*limits.values()])).tolist(), strict=True))
+        each[2, k] = of_effect.get("dust", none).growing / GROWS if unnoticed else math.inf
+    steps, growing, dust = (dict(zip(found, row, strict=True)) for row in world.together.least(each).tolist())
+    least = Limits(*_least(steps), growing=min(growing.values()))
+    if unnoticed:
+        longest, by = _least(dust)
+        least = least._replace(dust=longest, dust_by=by)
+    return steps, least
 
 
 def _least(limits: dict[str, float]) -> tuple[float, str]:

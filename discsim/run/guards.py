@@ -17,7 +17,7 @@ from discsim.numerics.state import State
 from discsim.numerics.threads import parallel_for_ranges
 from discsim.parts import Lazy
 from discsim.physics.orbits import in_drift
-from discsim.run.forces import Effects, Limits, PhysicsError, acceleration_of
+from discsim.run.forces import Effects, Limits, PhysicsError, acceleration_of, limit_of_dust
 
 finite = Lazy("discsim.kernels.common.finite")
 
@@ -155,15 +155,16 @@ def check_dust_step(state: State, effects: Effects, limits: Limits, dt: float) -
     """Raise PhysicsError if one-way dust, which may not shorten the step, cannot keep its orbits in a step of dt."""
     if dt <= limits.dust:
         return
-    dust, name, which = state.dust, limits.dust_by, "a dust particle"
+    dust, name, which, remedy = state.dust, limits.dust_by, "a dust particle", ""
     assert dust is not None
     if not world.together.many:
-        i = effects[name].tightest(dust, acceleration_of(effects[name], state)["dust"])
+        i, remedy = limit_of_dust(effects[name], state)
+        remedy = remedy and f"{remedy}, or "
         which = f"dust particle {dust.ids[i]} at r = {np.linalg.norm(dust.pos[i]):.3g}"
     raise PhysicsError(
         f"a step of {dt:.3g} is {dt / limits.dust:.3g} times the longest in which {which} keeps its orbit, by {name}: "
         f"one-way dust does not shorten the step of the gas; expected "
-        f"{effects[name].softer}, or a smaller run.{'courant' if state.scene.run.timestep is None else 'timestep'}"
+        f"{remedy}a smaller run.{'courant' if state.scene.run.timestep is None else 'timestep'}"
     )
 
 

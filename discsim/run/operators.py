@@ -6,13 +6,14 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from discsim.effects.base import Effect, overriding, to_sort
+from discsim.effects.base import Effect, to_sort
 from discsim.numerics import world
+from discsim.numerics.operators import Slot
 from discsim.numerics.state import State
 from discsim.numerics.thread_pool import run_concurrently
 from discsim.run import forces, guards
 from discsim.run.costs import Costs
-from discsim.run.forces import Limits, PhysicsError
+from discsim.run.forces import Limits, PhysicsError, Plan
 
 
 class Operators:
@@ -22,27 +23,20 @@ class Operators:
     """
 
     def __init__(self, state: State, effects: dict[str, Effect]) -> None:
-        self.state, self.effects = state, effects
-        self.operating = overriding(effects, "operate")
+        self.state, self.effects, self.plan = state, effects, Plan(effects, state)
         self.costs = Costs(effects)
         self.limits = Limits()
         self.reversals = guards.Reversals()
         self.shown = True
 
     def kick(self, dt: float) -> None:
-        """Advance velocities and energies over dt, by the owner of the kick or by each species' own kick."""
+        """Advance velocities and energies over dt, by the effect that kicks all species or by the kick of each."""
         # Results of forces and kicks are checked where they are made. This check takes 2% of a step.
         if self.shown:
             self.take_back()
-        elif self.operating and guards.coupled(self.state):
+        elif self.plan[Slot.AROUND_DRIFT] and guards.coupled(self.state):
             self._check(guards.check_inputs)
-        owner = forces.kick_owner(self.effects)
-        try:
-            for name in [owner] if owner is not None else self.effects:
-                with self.costs(name):
-                    self.effects[name].kick(self.state, dt)
-        except FloatingPointError as fault:
-            raise PhysicsError(str(fault)) from fault
+        self._run(Slot.KICK, dt)
         if self.state.bodies is not None:
             self.state.bodies.kick(dt)
         self._check(guards.check_kicked)
@@ -51,9 +45,8 @@ class Operators:
         """Check arrays that a caller had access to, and drop results from their earlier values. Raises ValueError."""
         self._check(guards.check_entries)
         world.together.forget()
-        owner = forces.kick_owner(self.effects)
-        if owner is not None:
-            self.effects[owner].discard()
+        for _, operator in self.plan[Slot.KICK_INPUT]:
+            self.state.results.pop(operator.name, None)
         self.shown = False
 
     def close(self) -> None:
@@ -63,47 +56,54 @@ class Operators:
             self.state.lag = 0.0
 
     def operate(self, dt: float, backwards: bool = False) -> None:
-        """Call `operate` of the effects over dt, one after another, or in the opposite order if `backwards`."""
-        for name in self.operating[:: -1 if backwards else 1]:
+        """Run the operators around the drift over dt, one after another, or in the opposite order if `backwards`."""
+        for name, operator in self.plan[Slot.AROUND_DRIFT][:: -1 if backwards else 1]:
             with self.costs(name):
-                self.effects[name].operate(self.state, dt)
+                operator.run(self.state, dt)
 
     def move(self, dt: float) -> None:
         try:
-            self._at_once("drift", dt)
-            for name, effect in self.effects.items():
-                with self.costs(name):
-                    effect.move(self.state, dt)
+            self._at_once(Slot.DRIFT, dt)
         except FloatingPointError as fault:
             raise PhysicsError(str(fault)) from fault
+        self._run(Slot.MOVE, dt)
         world.together.forget()
 
     def events(self) -> None:
         if to_sort(self.state.step):
-            self._at_once("sort")
-        for name, effect in self.effects.items():
-            with self.costs(name):
-                effect.event(self.state)
+            self._at_once(Slot.SORT)
+        self._run(Slot.EVENT)
 
-    def _at_once(self, what: str, *given: float) -> None:
-        """Call a method that uses an effect's own species alone for all effects, on several threads at the same time.
+    def _run(self, slot: Slot, *given: float) -> None:
+        """Run the operators of a slot one after another, and keep the results of events for the forces."""
+        for name, operator in self.plan[slot]:
+            try:
+                with self.costs(name):
+                    result = operator.run(self.state, *given)
+            except FloatingPointError as fault:
+                raise PhysicsError(str(fault)) from fault
+            if slot is Slot.EVENT:
+                self.state.results[operator.name] = result
 
-        Several processes call effects one after another, as collective calls have to come in one order.
+    def _at_once(self, slot: Slot, *given: float) -> None:
+        """Run the operators of a slot, which use an effect's own species alone, on several threads at the same time.
+
+        Several processes run them one after another, as collective calls have to come in one order.
         """
 
-        def do(name: str) -> None:
-            with self.costs(name, calls=0):
-                getattr(self.effects[name], what)(self.state, *given)
+        def do(name: str, run: Callable[..., Any]) -> None:
+            with self.costs(name, calls=int(slot is Slot.DRIFT)):
+                run(self.state, *given)
 
-        names = overriding(self.effects, what)
-        for together in [[name] for name in names] if world.together.many else [names]:
-            run_concurrently(*(partial(do, name) for name in together))
+        each = [partial(do, name, operator.run) for name, operator in self.plan[slot]]
+        for together in [[one] for one in each] if world.together.many else [each]:
+            run_concurrently(*together)
 
     def forces(self) -> None:
         """Compute the accelerations of all effects at the present positions, and their step limits."""
         world.together.settle(self.state)
-        forces.accelerate(self.state, self.effects, self.costs)
-        limits, self.limits = forces.limits_of(self.state, self.effects)
+        forces.add_forces(self.state, self.plan, self.costs)
+        limits, self.limits = forces.limits_of(self.state, self.plan, self.costs)
         self._check(guards.check_forces, limits)
         self._check(self.reversals.check)
 

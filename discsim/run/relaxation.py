@@ -24,6 +24,7 @@ import numpy as np
 
 from discsim.effects.base import Effect
 from discsim.initial import balance, make_state
+from discsim.numerics.operators import accelerate, longest_step
 from discsim.numerics.state import State
 from discsim.physics import profile
 from discsim.physics.centre import kepler_omega
@@ -112,12 +113,12 @@ class _Rings:
         gas.vel[:] = self.radial[self.ring][:, None] * outwards
         gas.vel += (self.spin / self.radius)[self.ring][:, None] * across
         gas.acc[:] = 0.0
-        self.sph.accelerate(alone)
+        self.found = accelerate(self.sph, alone)
         pull = self.mean((gas.acc * outwards).sum(axis=1))
         self.acc = pull - self.balance.gravity(self.radius) + self.spin**2 / self.radius**3
 
     def limit(self) -> float:
-        return min(self.sph.limit(self.alone), 1.0 / float(self.omega.max()))
+        return min(longest_step(self.sph, self.alone, self.found), 1.0 / float(self.omega.max()))
 
     @property
     def omega(self) -> Array:

@@ -13,13 +13,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from discsim.effects.base import kick_effect
 from discsim.initial import start_time
 from discsim.numerics.bodies import Bodies
 from discsim.numerics.entries import EntryError, check_arrays, check_finite, check_like, check_ranges
 from discsim.numerics.state import Ledger, Pace, State
 from discsim.output.checkpoint import Values
 from discsim.run.costs import Costs
-from discsim.run.forces import Effects, Limits, kick_owner
+from discsim.run.forces import Effects, Limits
 
 Array = np.ndarray
 Groups = Mapping[str, Any]
@@ -73,7 +74,7 @@ def _particles(state: State, name: str, held: dict[str, Array]) -> dict[str, Arr
 
 def _own_acc(state: State, effects: Effects, held: dict[str, Array], particles: Groups) -> dict[str, Array]:
     """Return the checked accelerations that gas and dust do not share: of all particles of a species, or of none."""
-    wanted = set(particles) if kick_owner(effects) is not None else set()
+    wanted = set(particles) if kick_effect(effects) is not None else set()
     if held.keys() != wanted:
         raise EntryError(
             f"it has own_acc of {', '.join(held) or 'nothing'}; expected of {', '.join(wanted) or 'nothing'}"

@@ -12,6 +12,7 @@ from typing import Any
 from numba.core import event
 
 from discsim import __version__
+from discsim.effects.base import kick_effect
 from discsim.initial import start_time
 from discsim.jit import cache
 from discsim.output import hdf5
@@ -27,7 +28,6 @@ from discsim.printable import UserError
 from discsim.run.checkpoints import Checkpoints, later_snapshots
 from discsim.run.compilation import Compilation, of_numba_cache
 from discsim.run.directory import held, only_begun, refuse_directory, remove_copies, scene_there, sweep, with_own_files
-from discsim.run.forces import kick_owner
 from discsim.run.interrupts import Interrupts
 from discsim.run.outputs import due_times
 from discsim.run.progress import Progress
@@ -324,7 +324,7 @@ class Run:
     def _output(self) -> None:
         """Write the next snapshot, with its row and the costs so far."""
         sim = self.sim
-        open_step = open_step_of(sim.state, kick_owner(sim.effects) is not None)
+        open_step = open_step_of(sim.state, kick_effect(sim.effects) is not None)
         with sim.closed() as state:
             extra = columns(state, sim.effects.values())
             gas = with_present_pressure(state)

@@ -475,9 +475,7 @@ class Simulation(Summarised):
         for name, value in found.of_state.items():
             setattr(self.state, name, value)
         self.costs, self.operators.limits = found.costs, found.limits
-        for effect in self.effects.values():
-            effect.discard()
-            effect.forget()
+        self.state.results.clear()
         self.operators.reversals.forget()
         self._fresh, self._in_midst = True, False  # the arrays contain the forces
         return values

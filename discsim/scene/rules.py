@@ -199,8 +199,8 @@ def kinds(which: Callable[[Start], Any]) -> list[str]:
 
 
 def _one_kick(draft: Draft) -> Iterator[Problem]:
-    """Yield a fault if two effects each kick gas and dust together (`is_kick`)."""
-    owners = [name for name in EFFECTS if draft.has(name) and EFFECTS[name].is_kick]
+    """Yield a fault if two effects each kick gas and dust together (`Role.kicks`)."""
+    owners = [name for name in EFFECTS if draft.has(name) and EFFECTS[name].role.kicks]
     if len(owners) > 1:
         first, second = owners[:2]
         yield (second,), f"gas and dust are kicked by [{first}] already; expected one of the two"

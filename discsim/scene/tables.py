@@ -101,7 +101,7 @@ def _type_of(name: str) -> Any:
     if name == "initial":
         return kinds_of(STARTS.values())
     effect = EFFECTS[name]
-    return tuple.__class_getitem__((effect.keys, ...)) if effect.several else effect.keys
+    return tuple.__class_getitem__((effect.keys, ...)) if effect.role.several else effect.keys
 
 
 TABLES = Tables()

@@ -244,7 +244,7 @@ class Knobs:
         for key, ratio in NUMBERS.items():
             value = self.base.value(key)
             if key == "space.cells":
-                if scene.space.dimensions == 2 and any(e.needs_grid for e in effect_classes(scene).values()):
+                if scene.space.dimensions == 2 and any(e.role.grid for e in effect_classes(scene).values()):
                     lowest, highest = _within(key, float(_cells(self.base, 1.0)[key]), ratio)
                     yield Knob(key, (key,), _cells, ratio, (), lowest, highest, stride=RUNG)
             elif value is None or (key == "run.courant" and scene.run.timestep is not None):

@@ -44,16 +44,23 @@ def is_open(draft):
 class Effect(base.Effect):
     keys = Keys
     rules = (is_open,)
-    acts_on = ("gas",)
 
     def __init__(self, scene, state):
         self.strength = scene.table("spring").strength
 
-    def accelerate(self, state):
-        state.gas.acc -= self.strength**2 * state.gas.pos
+    def operators(self, state):
+        pos, acc = base.arrays("gas", "pos"), base.arrays("gas", "acc_unshared")
+        return [
+            base.Operator("spring.pull", base.Slot.FORCE, self.pull, pos, acc),
+            base.Operator("spring.limit", base.Slot.LIMIT, self.limit),
+        ]
 
-    def limit(self, state):
-        return 1.0 / self.strength
+    def pull(self, view):
+        acc = view.gas.acc_unshared
+        acc -= self.strength**2 * view.gas.pos
+
+    def limit(self, view):
+        return {base.ALL: base.Limit(1.0 / self.strength)}
 '''
 
 KINDS = """
@@ -168,7 +175,7 @@ def test_two_parts_of_one_name_are_one_message(tmp_path, monkeypatch):
 
 def test_a_second_owner_of_the_kick_is_refused(spring):
     package = spring.parent / "site" / "springs.py"
-    package.write_text(PART.replace("keys = Keys", "keys, is_kick = Keys, True"))
+    package.write_text(PART.replace("keys = Keys", "keys, role = Keys, base.Role(kicks=True)"))
     extra = ["dust={particles=40, ratio=1}", 'drag={law="stopping-time", t_stop=1}']
     with pytest.raises(SceneError, match=r"spring: gas and dust are kicked by \[drag\] already"):
         load_scene(spring, extra)

@@ -5,11 +5,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from operating import accelerated, replace_operator
 from runs import on_threads
 from stepping import assert_sane, disc
 
 from discsim import Simulation, load_scene
 from discsim.numerics import threads
+from discsim.numerics.operators import accelerate
 from discsim.parts import EFFECTS
 from discsim.scene.tables import removable
 
@@ -99,9 +101,10 @@ def test_effects_act_on_whom_they_say(start):
     for name, effect in sim.effects.items():
         given = dict(zip(("gas", "dust"), sim.acceleration(name), strict=True))
         felt = {species for species, acc in given.items() if np.any(acc)}
-        assert felt == set(effect.acts_on), name
+        written = accelerated(effect, sim.state)
+        assert felt == {name.partition(".")[0] for name in written}, name
         alike = bool(felt) and np.allclose(given["gas"][: sim.dust.count], given["dust"], rtol=1e-9)
-        assert alike == effect.shared, name
+        assert alike == any(name.endswith(".acc") for name in written), name
 
 
 def two_steps(start, without=()):
@@ -149,19 +152,18 @@ def test_forces_that_end_half_way_leave_nothing_to_those_after_them(monkeypatch,
     sim = Simulation(EVERYTHING, start)
     sim.step()
     expected = sim.acceleration("star")
-    star = sim.effects["star"]
 
-    def fail(state):
+    def fail(view):
         raise RuntimeError("half-way")
 
     with monkeypatch.context() as patched:
-        patched.setattr(star, "accelerate", fail)
+        replace_operator(sim, "star.pull", fail)
         for _ in on_threads(patched, (threads_there,)):
             with pytest.raises(RuntimeError, match="half-way"):
                 sim.operators.forces()
     for p in (sim.gas, sim.dust):
         p.acc[:] = 1.0
-    star.accelerate(sim.state)
+    accelerate(sim.effects["star"], sim.state)
     for one, p in zip(expected, (sim.gas, sim.dust), strict=True):
         np.testing.assert_allclose(p.acc - 1.0, one, rtol=1e-12, atol=1e-13)  # rounding of what is beside 1
 
@@ -177,7 +179,8 @@ def test_drag_knows_what_each_species_feels_alone(monkeypatch, start, scene, thr
         sim.operators.forces()
     each = {name: sim.acceleration(name) for name in sim.effects}
     for k, (name, p) in enumerate(sim.state.species.items()):
-        own = sum(acc[k] for effect, acc in each.items() if not sim.effects[effect].shared)
+        unshared = f"{name}.acc_unshared"
+        own = sum(acc[k] for effect, acc in each.items() if unshared in accelerated(sim.effects[effect], sim.state))
         whole = sum(acc[k] for acc in each.values())
         near = {"rtol": 0.0, "atol": 1e-6 * max(np.abs(acc[k]).max() for acc in each.values())}
         np.testing.assert_allclose(p.acc, whole, **near)

@@ -408,10 +408,10 @@ def test_two_populations_and_a_given_disc_are_refused():
 def test_check_says_where_growth_ends():
     """a_frag and the drift limit at 1.15, the middle of the start's disc: Sigma 1e-3 / r, c_s^2 = .01 / sqrt(r)."""
     scene = load_scene(disc())
-    assert not list(Effect.warnings(scene, local(scene)))
-    (warning,) = Effect.warnings(load_scene(disc(size=1.0)), local(scene))
+    assert not list(Effect.report(scene, local(scene)).warnings)
+    (warning,) = Effect.report(load_scene(disc(size=1.0)), local(scene)).warnings
     assert warning.startswith("grains break from ")
-    rows = dict(Effect.rows(scene, local(scene)))
+    rows = dict(Effect.report(scene, local(scene)).rows)
     breaks = [float(text.split()[0]) for text in rows["size where grains break"].split(", ")]
     r = 1.15
     assert breaks[1] == pytest.approx(2e-3 / r * 4e-4 / (3 * np.pi * 1e-3 * 0.01 / np.sqrt(r)), rel=0.01)

@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
+from operating import limits_of
 from runs import assert_resumes
 
 from discsim import Simulation
 from discsim.exact import nsh
+from discsim.numerics.operators import least_step
 from discsim.run.forces import acceleration_of
 from discsim.scene import SceneError, load_scene
 
@@ -189,9 +191,9 @@ def test_one_way_dust_does_not_shorten_the_step():
     tables = gaseous(50.0, drag={"law": "stopping-time", "t_stop": 0.1, "direction": "one-way"})
     sim = Simulation(tables | {"run": tables["run"] | {"courant": 0.2}})
     sim.step()
-    light = sim.effects["radiation_pressure"]
-    assert light.limit(sim.state) == np.inf
-    assert light.limit_of(sim.state, "dust") == pytest.approx(0.5 * (radii(sim).min() ** 3 / 50.0) ** 0.5)
+    found = limits_of(sim, "radiation_pressure")
+    assert least_step(found, sim.state.unnoticed) == np.inf
+    assert found["dust"].step == pytest.approx(0.5 * (radii(sim).min() ** 3 / 50.0) ** 0.5)
 
 
 def test_it_goes_on_from_a_checkpoint_to_the_bit(tmp_path):

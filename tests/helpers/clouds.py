@@ -6,6 +6,7 @@ import numpy as np
 
 from discsim.effects.self_gravity import Effect
 from discsim.numerics.grid import Grid
+from discsim.numerics.operators import accelerate
 from discsim.numerics.state import Particles, State
 
 
@@ -22,7 +23,7 @@ def gravity(grid, softening, gas, dust=None, sources=("gas", "dust"), drag=None)
     scene = SimpleNamespace(self_gravity=table, drag=drag)
     state = State(scene=scene, gas=gas, dust=dust, grid=grid)
     effect = Effect(scene, state)
-    effect.accelerate(state)
+    accelerate(effect, state)
     return effect, state
 
 

@@ -4,7 +4,10 @@ import math
 
 import numpy as np
 import pytest
+from operating import limits_of
 from sums import lattice, simulation, w
+
+from discsim.numerics.operators import accelerate
 
 # Viscosity
 
@@ -129,7 +132,7 @@ def test_reconstructed_jumps_are_those_of_limited_slopes():
     )  # fmt: skip
     gas = sim.gas
     # Slopes have the weights of the h from which its search took the last step: with the h found that is next to none.
-    sim.effects["gas"].accelerate(sim.state)
+    accelerate(sim.effects["gas"], sim.state)
     d, dv = gas.pos[:, None] - gas.pos[None], gas.vel[:, None] - gas.vel[None]
     r = np.sqrt((d**2).sum(axis=2)) + np.eye(60)
     weight = gas.mass[None] * w("wendland-c4", 2, r / gas.h[:, None])[0] * (1 - np.eye(60))
@@ -218,4 +221,4 @@ def test_the_longest_step_of_conduction_swaps_a_pair():
         conductivity={"alpha": 50.0}, viscosity={},
     )  # fmt: skip
     # No sum but that over the pair: to rounding.
-    np.testing.assert_allclose(u + sim.effects["gas"].limit(sim.state) * sim.gas.heating_rate, u[::-1], rtol=1e-12)
+    np.testing.assert_allclose(u + limits_of(sim, "gas")["gas"].step * sim.gas.heating_rate, u[::-1], rtol=1e-12)

@@ -13,6 +13,7 @@ from runs import WAVE, scene_of
 from discsim import Simulation
 from discsim.numerics import thread_pool
 from discsim.numerics.threads import chunks, fill, parallel_for, parallel_for_fused, parallel_for_ranges, set_threads
+from discsim.run.forces import Plan
 
 
 def test_a_fork_after_a_shared_loop_has_threads_of_its_own(four_cores):
@@ -29,13 +30,14 @@ def test_threads_of_a_simulation_are_its_own(tmp_path, four_cores):
     two = Simulation(scene_of(tmp_path, WAVE, "run.threads=2"))
     Simulation(scene_of(tmp_path, WAVE, "run.threads=1"))
     found = set()
-    for name in ("accelerate", "drift", "sort", "event", "limit"):
+    for name in ("accelerate", "drift", "sort", "limit"):
         real = getattr(two.effects["gas"], name)
         setattr(
             two.effects["gas"],
             name,
             lambda *given, real=real: found.add(thread_pool.number_of_threads()) or real(*given),
         )
+    two.operators.plan = Plan(two.effects, two.state)
 
     def look():
         with two.synchronised():

@@ -9,9 +9,11 @@ import time
 
 import numpy as np
 import pytest
+from operating import replace_operator
 from runs import DISC, WAVE, assert_same_run, at_step, contents, rows, scene_of
 
 from discsim import Simulation
+from discsim.numerics.operators import ALL, Limit
 from discsim.output.checkpoint import read_checkpoint
 from discsim.run.outputs import output_times
 from discsim.run.progress import Progress
@@ -97,7 +99,14 @@ def test_a_scene_that_cannot_be_set_up_writes_nothing(tmp_path, monkeypatch, cap
 
 
 def poison(sim):
-    sim.effects["gas"].accelerate = lambda state: state.gas.acc.__setitem__(7, np.nan)
+    def spoil(view):
+        limit = accelerate(view)
+        view.gas.acc_unshared[7] = np.nan
+        return limit
+
+    gas = sim.effects["gas"]
+    accelerate, gas.accelerate = gas.accelerate, spoil
+    replace_operator(sim, "gas.forces", spoil)
 
 
 def test_not_finite_is_told_with_effect_particle_time_and_checkpoint(tmp_path, monkeypatch, capsys):
@@ -125,7 +134,7 @@ def test_the_start_is_there_to_go_back_to(tmp_path, monkeypatch, capsys):
 
 
 def test_a_collapsed_step_names_its_effect(tmp_path, monkeypatch, capsys):
-    at_step(monkeypatch, 2, lambda sim: setattr(sim.effects["star"], "limit", lambda state: 1e-300))
+    at_step(monkeypatch, 2, lambda sim: replace_operator(sim, "star.limit", lambda view: {ALL: Limit(1e-300)}))
     assert run_scene(scene_of(tmp_path, DISC), tmp_path / "out", quiet=True) == 3
     assert re.search(r"step has collapsed to 6e-301, set by star", capsys.readouterr().err)
 

@@ -5,6 +5,7 @@ import signal
 import threading
 
 import pytest
+from operating import replace_operator
 from runs import DISC, SHOCK, WAVE, scene_of, state_bits
 
 from discsim import SceneError, Simulation
@@ -58,14 +59,13 @@ def test_ctrl_c_waits_for_the_end_of_the_step(tmp_path, sim, way):
 def test_ctrl_c_in_the_first_forces(tmp_path, text):
     scene = scene_of(tmp_path, text)
     straight, sim = Simulation(scene), Simulation(scene)
-    accelerate = sim.effects["gas"].accelerate
 
-    def interrupted(state):
-        sim.effects["gas"].accelerate = accelerate
+    def interrupted(view):
+        replace_operator(sim, "gas.forces", accelerate)
         signal.raise_signal(signal.SIGINT)
-        accelerate(state)
+        return accelerate(view)
 
-    sim.effects["gas"].accelerate = interrupted
+    accelerate = replace_operator(sim, "gas.forces", interrupted)
     with pytest.raises(KeyboardInterrupt):
         sim.step()
     assert sim.state.step == 0

@@ -325,8 +325,8 @@ def test_costs_go_on_when_resumed(tmp_path, monkeypatch):
     assert run_scene(scene, tmp_path / "out", resume=True, quiet=True) == 0
     calls = int(rows(tmp_path / "out", "costs.csv")[0]["calls"])
     steps = int(rows(tmp_path / "out")[-1]["step"])
-    # The gas has three calls a step (forces, move, event); each process leaves out its first step.
-    assert calls == 3 * (steps - 2)
+    # The gas has two calls a step (forces, drift); each process leaves out its first step.
+    assert calls == 2 * (steps - 2)
 
 
 # Loops are shared out where they have more than 8192 entries; odd numbers, so that no piece is like another.

@@ -8,6 +8,7 @@ from runs import state_bits
 
 from discsim import Simulation
 from discsim.formulas.smoothing import SMOOTHING
+from discsim.numerics.operators import accelerate
 from discsim.run import guards
 from discsim.run.forces import PhysicsError
 from discsim.scene import SceneError, load_scene, rules
@@ -52,8 +53,7 @@ def test_fastest_sound_of_a_lattice(kernel):
     def forces():
         gas.acc[:] = 0.0
         gas.vel[:] = 0.0
-        effect.discard()
-        effect.accelerate(sim.state)
+        accelerate(effect, sim.state)
         return gas.acc.ravel().copy()
 
     matrix = np.empty((start.size, start.size))

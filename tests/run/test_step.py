@@ -339,10 +339,12 @@ def test_a_place_that_is_none_ends_the_run(place):
 class Push(base.Effect):
     """A constant acceleration of the dust, as an effect of somebody's own."""
 
-    acts_on = ("dust",)
+    def operators(self, state):
+        acc = base.arrays("dust", "acc_unshared")
+        return [base.Operator("push.on_dust", base.Slot.FORCE, self.accelerate, writes=acc)]
 
-    def accelerate(self, state):
-        state.dust.acc[:, 0] += 0.3
+    def accelerate(self, view):
+        view.dust.acc_unshared[:, 0] += 0.3
 
 
 @pytest.mark.parametrize("scheme", ["tsc", "idic-linear", "lab14"])

@@ -57,7 +57,7 @@ def start_of(snap: Snapshot) -> Start | None:
 
 def has_centre(snap: Snapshot) -> bool:
     """Return whether an effect makes the origin a centre."""
-    return any(EFFECTS[name].marks_centre for name in snap.tables if name in EFFECTS)
+    return any(EFFECTS[name].role.centre for name in snap.tables if name in EFFECTS)
 
 
 def centred(snap: Snapshot) -> bool:
