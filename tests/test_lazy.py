@@ -72,7 +72,12 @@ GROWN = {
     "discsim.kernels.dust.packs",
 }
 LIGHT = {"discsim.effects.radiation_pressure", "discsim.kernels.dust.radiation"}
-OTHER_SCHEME = {"discsim.drag.idic", "discsim.drag.idic_linear", "discsim.drag.pairs", "discsim.kernels.drag.pairs"}
+OTHER_SCHEME = {
+    "discsim.drag.idic",
+    "discsim.drag.idic_linear",
+    "discsim.drag.published.pairs",
+    "discsim.kernels.drag.pairs",
+}
 STAR = {"discsim.effects.star", "discsim.kernels.gravity.point_masses"}
 GAS = {
     "discsim.effects.gas",
@@ -91,7 +96,7 @@ GRID = {
     "discsim.effects.cells_gas",
     "discsim.effects.cells_dust",
     "discsim.effects.cells_drag",
-    "discsim.drag.emsi_ppm",
+    "discsim.drag.published.emsi_ppm",
 }
 # The files of effects have the keys of their tables, which a scene on a fixed grid has too.
 OF_PARTICLES = (
@@ -160,7 +165,7 @@ def modules(printed):
         (SHOCK, (), "drawn", GAS, DUST | DRAG | STAR | GRAVITY),
         (WAVE, (), "undrawn", GAS | DUST | DRAG, STAR | GRAVITY | OTHER_SCHEME),
         (DUST_ONLY, (), "undrawn", DUST | STAR, GAS | DRAG | GRAVITY | GRID),
-        (TUBE, (), "undrawn", GRID, OF_PARTICLES | OTHER_SCHEME | {"discsim.drag.sios_ppm"}),
+        (TUBE, (), "undrawn", GRID, OF_PARTICLES | OTHER_SCHEME | {"discsim.drag.published.sios_ppm"}),
     ],
 )
 def test_a_whole_run_imports_only_the_effects_named(running, tmp_path, path, text, without, figure, there, absent):

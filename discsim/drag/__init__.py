@@ -1,3 +1,3 @@
 """Drag schemes, one file each, with its `SCHEME` (`discsim/drag/base.py`), and the modules that several schemes
-share.
+share. `published/` has schemes of other codes.
 """

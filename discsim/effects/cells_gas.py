@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from discsim.drag.fixed_grid import OF_SPH
+from discsim.drag.published.fixed_grid import OF_SPH
 from discsim.effects import base
 from discsim.numerics.state import State
 from discsim.physics.eos import pressure_and_sound_speed

@@ -10,7 +10,7 @@ from pairs import ISOTHERMAL, both, cloud, kicked, scene
 
 from discsim import Simulation
 from discsim.drag.cloud import guess_h
-from discsim.drag.pairs import pair_up
+from discsim.drag.published.pairs import pair_up
 from discsim.exact import dustybox, dustywave
 from discsim.kernels.drag.pairs import hump_norm, limited, shares
 from discsim.kernels.sph.smoothing import KERNELS, NORM, SUPPORT, shape

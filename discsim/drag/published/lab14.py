@@ -36,14 +36,14 @@ from discsim.parts import Lazy
 
 if TYPE_CHECKING:
     from discsim.drag.cloud import Cloud
-    from discsim.drag.pairs import Pairs
+    from discsim.drag.published.pairs import Pairs
     from discsim.effects.drag import Effect as Drag
     from discsim.numerics.sph import Sph
     from discsim.numerics.state import Gas, State
 
     Slopes = Callable[[Sph, Gas | Cloud, Array], Array]
 
-kernels, between = Lazy("discsim.kernels.drag.pairs"), Lazy("discsim.drag.pairs")
+kernels, between = Lazy("discsim.kernels.drag.pairs"), Lazy("discsim.drag.published.pairs")
 
 FLAT = np.empty((0, 0, 0))
 IN_TURN = np.empty(0, np.uint32)  # stands for the order of the pairs by dust particle

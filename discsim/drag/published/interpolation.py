@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from discsim.drag.pairs import Pairs, note_times
+from discsim.drag.published.pairs import Pairs, note_times
 from discsim.kernels.drag import interpolation as kernels
 from discsim.numerics.threads import parallel_for
 

@@ -21,11 +21,11 @@ from discsim.numerics.threads import parallel_for
 from discsim.parts import Lazy
 
 if TYPE_CHECKING:
-    from discsim.drag.pairs import Pairs
+    from discsim.drag.published.pairs import Pairs
     from discsim.effects.drag import Effect as Drag
     from discsim.numerics.state import State
 
-kernels, between = Lazy("discsim.kernels.drag.pairs"), Lazy("discsim.drag.pairs")
+kernels, between = Lazy("discsim.kernels.drag.pairs"), Lazy("discsim.drag.published.pairs")
 
 
 def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> None:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from discsim.effects.drag import Effect as Drag
     from discsim.numerics.state import State
 
-interpolation, pairs = Lazy("discsim.drag.interpolation"), Lazy("discsim.drag.pairs")
+interpolation, pairs = Lazy("discsim.drag.published.interpolation"), Lazy("discsim.drag.published.pairs")
 
 
 def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> None:

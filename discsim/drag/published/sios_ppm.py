@@ -19,7 +19,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from discsim.drag.base import NO_CELLS, NO_KERNEL, OWN_INTEGRATION, Array, Scheme
-from discsim.drag.fixed_grid import RULES
+from discsim.drag.published.fixed_grid import RULES
 from discsim.parts import Lazy
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from discsim.drag.base import NO_CELLS, Array, Scheme
-from discsim.drag.lab14 import relax_each_pair
+from discsim.drag.published.lab14 import relax_each_pair
 from discsim.numerics.threads import parallel_for
 from discsim.parts import Lazy
 

@@ -1,0 +1,1 @@
+"""Drag schemes as published, for comparisons, and the modules that they share."""
