@@ -42,7 +42,6 @@ from rich.progress import Progress
 from rich.table import Table
 
 from discsim import Simulation
-from discsim.drag import nodes
 from discsim.exact import nsh
 from discsim.parts import SCHEMES
 from discsim.study.scripts import some_of, write_csv
@@ -127,8 +126,8 @@ def usual_cell(sim: Simulation) -> float:
     """Return the side of most drag cells; twice the mean h of an even gas for a scheme without cells."""
     if SCHEMES[sim.scene.drag.scheme].cells is None:
         return float(2 * sim.scene.gas.eta * np.sqrt(sim.gas.mass[0] / SIGMA))
-    level = nodes.layout_of(sim.effects["drag"], sim.state)[0]
-    return float(level.lattice.side * 2.0 ** int(np.bincount(level.merged.level).argmax()))
+    layout = sim.effects["drag"].engine.layout(sim.state)
+    return float(layout.lattice.side * 2.0 ** int(np.bincount(layout.merged.level).argmax()))
 
 
 def local_slip(sim: Simulation) -> float:

@@ -35,6 +35,7 @@ from discsim import Simulation
 from discsim.effects import gas
 from discsim.exact import nsh
 from discsim.formulas.smoothing import SMOOTHING
+from discsim.run.operators import Operators
 from discsim.study.scripts import warm_up, write_csv
 
 SCHEMES = ("tsc", "idic-linear")
@@ -84,12 +85,14 @@ def cases(counts: Sequence[int] = COUNTS, cells: Sequence[float] = CELLS, sph: i
 class GivenGas(gas.Effect):
     """Gas with the density, sound speed and pressure force of Sigma ~ 1/r, c_s^2 ~ 1/r: no noise of SPH."""
 
-    def accelerate(self, state: Any) -> None:
-        p = state.gas
+    def accelerate(self, view: Any) -> float:
+        p = view.gas
         r = np.sqrt((p.pos**2).sum(axis=1))
         p.density[:], p.sound_speed[:] = drift.SIGMA / r, drift.ASPECT / np.sqrt(r)
         p.h[:] = self.scene.gas.eta * np.sqrt(p.mass / p.density)
-        p.acc += (2.0 * drift.ASPECT**2 / r**3)[:, None] * p.pos
+        acc = p.acc_unshared
+        acc += (2.0 * drift.ASPECT**2 / r**3)[:, None] * p.pos
+        return np.inf  # no step limit
 
 
 def given_ring(stokes: float, scheme: str, particles: int, cell: float) -> Simulation:
@@ -110,7 +113,7 @@ def given_ring(stokes: float, scheme: str, particles: int, cell: float) -> Simul
             "drag": {"law": "stokes-number", "stokes": stokes, "scheme": scheme, "cell": cell},
         }
     )
-    sim.effects["gas"] = GivenGas(sim.scene, sim.state)
+    sim.operators = Operators(sim.state, sim.effects | {"gas": GivenGas(sim.scene, sim.state)})
     return sim
 
 

@@ -73,15 +73,16 @@ def cells_of_gas(sim: Simulation) -> Cells:
 
 def blocks_of_drag(sim: Simulation) -> Cells:
     """Those of drag, after forces are made."""
-    drag: Any = sim.effects["drag"]
-    lattice, blocks, *leaves = drag.scheme.members(drag, sim.state)
+    engine: Any = sim.effects["drag"].engine
+    layout = engine.layout(sim.state)
+    lattice, blocks, leaves = layout.lattice, layout.merged, (layout.gas_leaf, layout.dust_leaf)
     lattices = levels.lattices(*lattice.shape, lattice.joined, LEVELS + 1)
-    home, _, about, near = levels.list_nodes(blocks.level, blocks.first_leaf, lattices, drag.dim == 1)
+    home, _, about, near = levels.list_nodes(blocks.level, blocks.first_leaf, lattices, engine.dim == 1)
     blocks.number[-1] = len(blocks.level)
     keys = {f"drag {name}": blocks.number[leaf] for name, leaf in zip(sim.state.species, leaves, strict=True)}
 
     def mark(mine: Array, out: Array) -> None:
-        mark_blocks(mine[mine < len(blocks.level)], home, about, near, drag.scheme.rings, out)
+        mark_blocks(mine[mine < len(blocks.level)], home, about, near, engine.scheme.rings, out)
 
     return Cells(keys, numbers_of(blocks, lattice), mark)
 

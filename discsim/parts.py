@@ -160,7 +160,7 @@ SCHEMES = Parts(
         "sios-ppm": "discsim.drag.published.sios_ppm:SCHEME",
         "emsi-ppm": "discsim.drag.published.emsi_ppm:SCHEME",
     },
-    has=("relax", "advance", "cells"),
+    has=("kick", "advance", "cells"),
 )
 USUAL_SCHEME = "tsc"  # the default, which warnings about other schemes recommend
 

@@ -1,3 +1,3 @@
-"""Drag schemes, one file each, with its `SCHEME` (`discsim/drag/base.py`), and the modules that several schemes
-share. `published/` has schemes of other codes.
+"""Drag schemes, one file each with its `SCHEME`, and the modules that they share. `base.py` is their interface, and
+`engine.py` calls them. `published/` has schemes of other codes.
 """

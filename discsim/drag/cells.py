@@ -3,35 +3,26 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from discsim.drag.cloud import densities_of_sparse_dust
-from discsim.drag.frame import clockwise, frame
+from discsim.drag.base import EMPTY, NO_ROWS, CellRule, Dust, Gas, Kicked, Law, Work
+from discsim.drag.frame import clockwise
 from discsim.kernels.drag import blocks as kernels
+from discsim.kernels.drag import types
 from discsim.kernels.drag.blocks import IGNORE, INSIDE, LEVELS
 from discsim.kernels.drag.cells import Corners, relax_blocks
 from discsim.kernels.drag.frame import Frame
-from discsim.kernels.drag.types import Law, Species
 from discsim.numerics import alloc, world
+from discsim.numerics.grid import Grid
 from discsim.numerics.layout import leaves
 from discsim.numerics.sorting import counting_sort, counts
 from discsim.numerics.threads import parallel_for
-from discsim.numerics.totals import mean
-from discsim.parts import Lazy
-from discsim.physics.eos import thermal_speed
 
-if TYPE_CHECKING:
-    from discsim.effects.drag import Effect as Drag
-    from discsim.numerics.state import State
-
-growth = Lazy("discsim.physics.growth")
 Array = np.ndarray
-NONE = np.empty(0)
-NOBODY = np.empty(0, np.int64)
-ABOUT_GRAINS = "about grains"  # key of `about_grains` in `drag.agree`
 # The h of a leaf are added in whole units of 2^-H_BITS of the largest, exactly for up to 2^23 of them. The sums are
 # independent of the order, and accurate to 9 digits.
 H_BITS = 30
@@ -82,11 +73,14 @@ class Merged(NamedTuple):
 class Layout(NamedTuple):
     """Blocks of a lattice with the origin of this step, and the leaf (n,) of each particle.
 
-    Particles outside the lattice have the last leaf.
+    Particles outside the lattice have the last leaf. The first `own` blocks have local particles. leaf_of: find the
+    leaf (n,) of positions (n, d).
     """
 
     lattice: Lattice
     merged: Merged
+    own: int
+    leaf_of: Callable[[Array], Array]
     gas_leaf: Array
     dust_leaf: Array
 
@@ -105,11 +99,8 @@ class Blocks(NamedTuple):
     first_leaf: Array  # (blocks, 2), as in `Merged`
     level: Array  # (blocks,)
     enlarged: Array  # (blocks,)
+    own: int  # number of blocks with local particles, which are the first ones
     lattice: Lattice  # with the origin of this step
-
-    def period(self, size: Array) -> Array:
-        """Return the period of a space of this size (2,); inf where it is open."""
-        return size if self.lattice.periodic else np.full(2, np.inf)
 
     def squares(self) -> tuple[Array, Array]:
         """Return the lower corner (blocks, 2) and the side (blocks,) of each block."""
@@ -121,14 +112,24 @@ class Blocks(NamedTuple):
         return corners, sides
 
 
-def lattice(drag: Drag, state: State, lengths: Array) -> Lattice:
-    """Return a lattice of leaves wide enough for the smoothing `lengths` (n,) of the gas.
+class OneRank:
+    """Sums over all ranks that a layout needs, in serial runs; for several ranks see `ranks/leaves.py`."""
+
+    def part_of(self, lattice: Lattice, shift: Array, positions: Sequence[Array]) -> Lattice:
+        """Return the part of a lattice about local positions; `shift` (2,) is in leaves."""
+        return lattice
+
+    def summed(self, lattice: Lattice, *held: Array) -> Sequence[Array]:
+        """Return the sums over all ranks in the leaves of a part, from local sums (leaves + 1,) of integers."""
+        return held
+
+
+def lattice_on(grid: Grid, dim: int, wanted: float, gas: int) -> Lattice:
+    """Return a lattice of leaves at least `wanted` wide for a number of gas particles.
 
     An open lattice has room for shifts of its origin by up to one largest block.
     """
-    grid, dim = state.grid, drag.dim
-    wanted, count = drag.agree("wanted leaf", lambda: (wanted_leaf(drag, state, lengths), state.gas.everywhere))
-    side, numbers = leaves(drag.width.rounded * wanted, grid.cell, grid.shape[:dim], grid.periodic, count)
+    side, numbers = leaves(wanted, grid.cell, grid.shape[:dim], grid.periodic, gas)
     extent = np.array(grid.shape) * grid.cell / side
     if not grid.periodic:
         # A whole number of largest blocks, so that the mirror image of a lattice has the mirror images of its blocks.
@@ -137,70 +138,50 @@ def lattice(drag: Drag, state: State, lengths: Array) -> Lattice:
     return Lattice(np.array(grid.origin), extent, 0, side, whole, grid.periodic, (0, 0), whole)
 
 
-def wanted_leaf(drag: Drag, state: State, lengths: Array) -> float:
-    """Return the least side of leaves, from the scene or the scheme."""
-    if drag.drag.cell_length is not None:
-        return drag.drag.cell_length
-    least = world.together.least(float(lengths.min(initial=np.inf)))
-    return drag.scheme.cells.leaf(state.scene, drag.width.number, lambda: float(np.exp(mean(np.log(lengths)))), least)
-
-
 def lay_blocks(
-    drag: Drag,
-    state: State,
-    leaves: Lattice,
-    lengths: Array,
-    least: tuple[int, int],
-    size: float,
-    dust_wanted: int,
-    shifted: bool,
-    mirrored: bool = False,
+    gas: Gas, dust: Dust, rule: CellRule, ranks: OneRank, dust_in: int, shifted: bool, mirrored: bool = False
 ) -> Layout:
-    """Build blocks of `leaves`.
+    """Build blocks of leaves.
 
-    lengths (n,): smoothing lengths of the gas. least, size, dust_wanted: the fields (gas, dust), size and dust_in of
-    `kernels.Wanted`. shifted: whether the lattice moves with every step. mirrored: whether it moves to its mirror
-    image by y -> -y.
+    dust_in: as in `kernels.Wanted`. shifted: whether the lattice moves with every step. mirrored: whether it moves to
+    its mirror image by y -> -y.
     """
-    shift, part, keys, (n_gas, n_dust, outside) = _placed(drag, state, leaves, shifted, mirrored)
+    leaves = rule.lattice
+    shift, part, find, keys, (n_gas, n_dust, outside) = _placed(gas, dust, rule, ranks, leaves, shifted, mirrored)
     if not leaves.periodic and outside > 0:
-        leaves = _widened(leaves, drag.dim)  # for particles off the grid, by the same number of leaves on every side
-        shift, part, keys, (n_gas, n_dust, _) = _placed(drag, state, leaves, shifted, mirrored)
-    # With drag.cell_length a leaf has the wanted side; with a number of h leaves double up to it.
-    length = leaves.side if drag.drag.cell_length else 0.0
-    wanted = leaves.side, size, length, *least, drag.soft, drag.hard, dust_wanted
-    merged = drag.agree(
-        "blocks",
-        lambda: merge(*_in_leaves(drag, part, n_gas, n_dust, keys[0], lengths), part.shape, *wanted),
-    )
-    return Layout(part._replace(origin=leaves.origin - shift * leaves.side), merged, *keys)
+        leaves = _widened(leaves, rule.dim)  # for particles off the grid, by the same number of leaves on every side
+        shift, part, find, keys, (n_gas, n_dust, _) = _placed(gas, dust, rule, ranks, leaves, shifted, mirrored)
+    wanted = leaves.side, rule.size, rule.length, *rule.fewest, rule.soft, rule.hard, dust_in
+    merged = merge(*_in_leaves(ranks, part, n_gas, n_dust, keys[0], rule.lengths), part.shape, *wanted)
+    moved = part._replace(origin=leaves.origin - shift * leaves.side)
+    return Layout(moved, merged, len(merged.level), find, *keys)
 
 
-def sort_into_blocks(drag: Drag, state: State, layout: Layout) -> Blocks:
+def sort_into_blocks(gas: Gas, dust: Dust, rule: CellRule, layout: Layout) -> Blocks:
     """Sort gas and dust into blocks. Overwrites the leaves of particles in `layout`."""
-    lattice, (number, first_leaf, level, enlarged), gas_key, dust_key = layout
+    lattice, (number, first_leaf, level, enlarged), own, _, gas_key, dust_key = layout
     # Particles outside the lattice are uncoupled: a block of its own for each species.
-    count, population = len(level), drag.classes.number
+    count = len(level)
     number[-1] = count
-    parallel_for(kernels.block_keys, len(gas_key), gas_key, number, NOBODY, 1, light=True)
+    parallel_for(kernels.block_keys, len(gas_key), gas_key, number, NO_ROWS, 1, light=True)
     number[-1] = count + 1
-    parallel_for(kernels.block_keys, len(dust_key), dust_key, number, drag.classes.of, population, light=True)
-    gas = counting_sort(gas_key, count + 2, state.gas.place, state.gas.loose)
-    dust = counting_sort(dust_key, (count + 2) * population, state.dust.place, state.dust.loose)
-    return Blocks(*gas, *dust, first_leaf, level, enlarged, lattice)
+    parallel_for(kernels.block_keys, len(dust_key), dust_key, number, dust.class_of, rule.classes, light=True)
+    sorted_gas = counting_sort(gas_key, count + 2, gas.global_index, gas.unsorted_rows)
+    sorted_dust = counting_sort(dust_key, (count + 2) * rule.classes, dust.global_index, dust.unsorted_rows)
+    return Blocks(*sorted_gas, *sorted_dust, first_leaf, level, enlarged, own, lattice)
 
 
-def _placed(drag: Drag, state: State, leaves: Lattice, shifted: bool, mirrored: bool) -> tuple[Any, ...]:
-    """Return the shift (2,) of a lattice, the part of this process, the leaves of its gas and dust, and their
-    `_numbers`.
+def _placed(
+    gas: Gas, dust: Dust, rule: CellRule, ranks: OneRank, leaves: Lattice, shifted: bool, mirrored: bool
+) -> tuple[Any, ...]:
+    """Return the shift (2,) of a lattice, the part of this rank, a function that finds leaves in it, the leaves of
+    local gas and dust, and their `_numbers`.
     """
-    both = state.gas, state.dust
-    shift = _shift(drag, state, leaves, shifted, mirrored)
-    of = f"of the lattice with a margin of {leaves.margin}"
-    part = drag.agree(f"part {of}", lambda: drag.agree.part_of(leaves, shift, both))
+    shift = _shift(rule, leaves, shifted, mirrored)
+    part = ranks.part_of(leaves, shift, (gas.pos, dust.pos))
     find = partial(_leaf_of_each, part, shift)
-    keys = [drag.agree.leaves(f"{kind} {of}", p.pos, find) for kind, p in zip(("gas", "dust"), both, strict=True)]
-    return shift, part, keys, drag.agree(f"numbers {of}", lambda: _numbers(part, *keys))
+    keys = find(gas.pos), find(dust.pos)
+    return shift, part, find, keys, _numbers(part, *keys)
 
 
 def _numbers(part: Lattice, *keys: Array) -> tuple[Array, Array, int]:
@@ -211,13 +192,13 @@ def _numbers(part: Lattice, *keys: Array) -> tuple[Array, Array, int]:
 
 
 def _in_leaves(
-    drag: Drag, part: Lattice, n_gas: Array, n_dust: Array, key: Array, h: Array
+    ranks: OneRank, part: Lattice, n_gas: Array, n_dust: Array, key: Array, h: Array
 ) -> tuple[Array, Array, Array]:
-    """Return the gas and dust in each leaf (leaves,) and the sum of the gas's h, over all processes."""
+    """Return the gas and dust in each leaf (leaves,) and the sum of the gas's h, over all ranks."""
     unit = 2.0 ** (math.frexp(world.together.most(float(h.max(initial=0.0))))[1] - H_BITS)
     held = np.zeros(len(n_gas))
     kernels.add_in_units(key, h, 1.0 / unit, held)
-    n_gas, n_dust, held = drag.agree.summed(part, n_gas, n_dust, held)
+    n_gas, n_dust, held = ranks.summed(part, n_gas, n_dust, held)
     held *= unit
     return n_gas, n_dust, held
 
@@ -230,12 +211,12 @@ def _widened(leaves: Lattice, dim: int) -> Lattice:
     return leaves._replace(margin=2**LEVELS, whole=whole, shape=whole)
 
 
-def _shift(drag: Drag, state: State, leaves: Lattice, shifted: bool, mirrored: bool) -> Array:
+def _shift(rule: CellRule, leaves: Lattice, shifted: bool, mirrored: bool) -> Array:
     """Return the shift (2,) of the lattice in leaves."""
     shift = np.zeros(2)
     if shifted:
-        shift[: drag.dim] = (((state.step + state.earlier) * SHIFT_STEP) % 1.0 * 2**LEVELS)[: drag.dim]
-    shift[: drag.dim] += leaves.margin
+        shift[: rule.dim] = ((rule.step * SHIFT_STEP) % 1.0 * 2**LEVELS)[: rule.dim]
+    shift[: rule.dim] += leaves.margin
     if mirrored:
         shift[1] = leaves.whole[1] + 2.0 * leaves.origin[1] / leaves.side - shift[1]
     return shift
@@ -270,68 +251,47 @@ def merge(gas: Array, dust: Array, h_sum: Array, shape: tuple[int, int], *wanted
     return Merged(number, first_leaf, level, flag)
 
 
-def law_of(drag: Drag, dt: float) -> Law:
+def law_over(law: Law, dt: float) -> types.Law:
     """Return the parameters of a kick over dt for the kernels."""
-    return Law(drag.law.code, drag.classes.grains, drag.two_way, dt, drag.exponential)
+    return types.Law(law.code, law.grains, law.two_way, dt, law.exponential)
 
 
-def species_in(drag: Drag, state: State, blocks: Blocks, gas_vel: Array) -> tuple[Species, Species]:
-    """Return gas, of velocities `gas_vel` (n, d), and dust in the form that the kernels take."""
-    gas, dust, own = state.gas, state.dust, state.own_acc
-    about = drag.agree(ABOUT_GRAINS, lambda: about_grains(drag, state))
-    # Small dust that gas carries exerts no drag on grains.
-    density = gas.density if gas.small is None else gas.density * growth.gas_share(state.scene, gas)
+def species_in(gas: Gas, dust: Dust, classes: int, blocks: Blocks) -> tuple[types.Species, types.Species]:
+    """Return gas and dust in the form that the kernels take."""
     return (
-        Species(
-            gas.pos, gas_vel, gas.acc, own["gas"], gas.mass, density, thermal_speed(state.scene, gas),
+        types.Species(
+            gas.pos, gas.vel, gas.acc, gas.acc_unshared, gas.mass, gas.density, gas.thermal_speed,
             blocks.gas_order, blocks.gas_start, 1, 0,
         ),
-        Species(
-            dust.pos, dust.vel, dust.acc, own["dust"], dust.mass, about, NONE,
-            blocks.dust_order, blocks.dust_start, drag.classes.number, 1,
+        types.Species(
+            dust.pos, dust.vel, dust.acc, dust.acc_unshared, dust.mass, dust.per_grain, EMPTY,
+            blocks.dust_order, blocks.dust_start, classes, 1,
         ),
     )  # fmt: skip
 
 
-def about_grains(drag: Drag, state: State) -> Array:
-    """Return the kernels' further input of each grain (n,), or an empty array.
-
-    The input is a density of sparse dust or, where grains have sizes, the stopping time relative to that of the
-    class.
-    """
-    return densities_of_sparse_dust(drag, state) if state.dust.size is None else drag.classes.relative
+def layout(gas: Gas, dust: Dust, rule: CellRule, frame: Frame, ranks: OneRank, linear: bool) -> Layout:
+    """Return the blocks of `relax_in_blocks`."""
+    dust_in = INSIDE if rule.two_way else IGNORE
+    return lay_blocks(gas, dust, rule, ranks, dust_in, linear, linear and clockwise(frame))
 
 
-def layout_of(drag: Drag, state: State, linear: bool) -> tuple[Layout, Frame]:
-    """Return the blocks of `relax_in_blocks`, and the Keplerian frame for velocities."""
-    about_star = frame(drag, state)
-    lengths = drag.width.counted(state.gas.pos, state.gas.h)
-    layout = lay_blocks(
-        drag, state, lattice(drag, state, lengths), lengths, drag.scheme.cells.least(state.scene), drag.width.number,
-        INSIDE if drag.two_way else IGNORE, linear, linear and clockwise(about_star),
-    )  # fmt: skip
-    return layout, about_star
-
-
-def blocks_of(drag: Drag, state: State, linear: bool) -> tuple[Blocks, Frame]:
-    """Return the members of the blocks of `layout_of`, and the Keplerian frame for velocities."""
-    layout, about_star = layout_of(drag, state, linear)
-    return sort_into_blocks(drag, state, layout), about_star
-
-
-def relax_in_blocks(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array, linear: bool) -> None:
+def relax_in_blocks(
+    gas: Gas, dust: Dust, law: Law, frame: Frame, dt: float, blocks: Blocks, work: Work, linear: bool
+) -> Kicked:
     """Relax each block by itself (`kernels/drag/cells.py`), with a velocity linear in position (`linear`) or its mean
     alone.
     """
-    blocks, about_star = drag.places(state)
-    gas, dust = species_in(drag, state, blocks, gas_vel)
+    classes = len(law.grains)
     corners = np.concatenate([blocks.squares()[0], np.zeros((2, 2))])
-    times = np.empty((len(corners), drag.classes.number))
+    times = np.empty((len(corners), classes))
     parallel_for(
-        relax_blocks, len(corners), gas, dust, Corners(corners, blocks.period(drag.size)), law_of(drag, dt), linear,
-        drag.law.nonlinear, drag.classes.several, about_star, times, heat, least=64,
+        relax_blocks, len(corners), *species_in(gas, dust, classes, blocks), Corners(corners, work.period),
+        law_over(law, dt), linear, law.nonlinear, law.several, frame, times, work.heat, least=64,
     )  # fmt: skip
-    start = blocks.dust_start[:: drag.classes.number]
-    alone = np.append(blocks.enlarged, [True, True]) | (np.diff(blocks.gas_start) == 0)
-    drag.alone = kernels.members_of(blocks.dust_order, start, alone)
-    drag.stopping_times = lambda: kernels.times_of_members(times, blocks.dust_order, blocks.dust_start)
+    start = blocks.dust_start[::classes]
+    empty = np.append(blocks.enlarged, [True, True]) | (np.diff(blocks.gas_start) == 0)
+    return Kicked(
+        kernels.members_of(blocks.dust_order, start, empty),
+        lambda: kernels.times_of_members(times, blocks.dust_order, blocks.dust_start),
+    )

@@ -9,21 +9,20 @@ place therefore has its own stopping time.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from discsim.drag.base import EMPTY, NO_ROWS, Law
 from discsim.formulas.laws import VALUE
 from discsim.numerics import world
 from discsim.physics.grains import has_sizes
 from discsim.physics.laws import SceneLaw
 
 if TYPE_CHECKING:
-    from discsim.numerics.state import Dust
     from discsim.scene import Scene
 
 Array = np.ndarray
-NONE = np.empty(0)
 GROWN = 8  # typical number of classes of grown grains, whose sizes span one to two decades in a disc
 MOST = 32  # largest number of classes: tsc has sums of each at every node
 
@@ -38,22 +37,30 @@ def classes_of(scene: Scene) -> int:
     return min(MOST, sum(held) + len(scene.dust or ()) - len(sizes))
 
 
+def law_of(scene: Scene, law: SceneLaw) -> Law:
+    """Return the law of kicks in which each population is a class."""
+    two_way, exponential = scene.drag.direction == "two-way", scene.drag.integration == "exponential"
+    return Law(law.code, law.grains, law.nonlinear, law.several, two_way, exponential)
+
+
 class Classes:
     """Classes of a run's grains.
 
-    number: number of classes. grains (number, 5): parameters of the law of each class. of (n,): class of each grain.
-    relative (n,): stopping time of each grain over that of its class; empty where populations are classes. several:
-    True if there may be more than one class, else None, for which kernels compile without the code for many.
+    law: the law with the parameters of each class. of (n,): class of each grain. relative (n,): stopping time of each
+    grain over that of its class; empty where populations are classes.
     """
 
     def __init__(self, scene: Scene, law: SceneLaw):
-        self.law = law
+        self.law, self._rows = law_of(scene, law), law.rows
         self.width = math.log(scene.drag.class_width)
-        self.number, self.grains, self.several = law.populations, law.grains, law.several
-        self.of = self.relative = NONE
+        self.of, self.relative = NO_ROWS, EMPTY
         self._sorted: Array | None = None
 
-    def sort(self, dust: Dust) -> None:
+    @property
+    def number(self) -> int:
+        return len(self.law.grains)
+
+    def sort(self, dust: Any) -> None:
         """Make the classes of the dust as it is now, and sort the grains of this process. The run must have dust."""
         if dust.size is None:
             self.of = dust.species
@@ -61,7 +68,7 @@ class Classes:
         elif world.together.most(dust.size is not self._sorted):
             self._sorted = dust.size
             everyone = world.together.everyone(dust)  # in the order of all, which decides the last bits of means
-            self._divide(self.law.rows(everyone.of(dust.species), everyone.of(dust.size)))
+            self._divide(self._rows(everyone.of(dust.species), everyone.of(dust.size)))
             self.of, self.relative = self.of[everyone.own], self.relative[everyone.own]
 
     def _divide(self, rows: Array) -> None:
@@ -74,6 +81,6 @@ class Classes:
         count = np.bincount(bins)
         held = count > 0
         self.of = (np.cumsum(held) - 1)[bins]
-        self.number, self.several = int(held.sum()), True
-        self.grains = np.stack([np.bincount(self.of, column) for column in rows.T], axis=1) / count[held][:, None]
-        self.relative = rows[:, VALUE] / self.grains[self.of, VALUE]
+        grains = np.stack([np.bincount(self.of, column) for column in rows.T], axis=1) / count[held][:, None]
+        self.law = self.law._replace(grains=grains, several=True)
+        self.relative = rows[:, VALUE] / grains[self.of, VALUE]

@@ -7,29 +7,28 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from discsim.drag.base import EMPTY, Dust, Gas, Law, Work
 from discsim.formulas.laws import CONSTANT
 from discsim.numerics import world
 from discsim.numerics.sph import Sph
 from discsim.numerics.totals import mean
 
 if TYPE_CHECKING:
-    from discsim.effects.drag import Effect as Drag
-    from discsim.numerics.state import State
+    from discsim.scene import Scene
 
 Array = np.ndarray
-NONE = np.empty(0)
 SMALLEST = 0.01  # least h over that of evenly mixed dust: particles at one place have no h of their own
 SPARSE = 0.5  # dust over gas particles below which counts in a drag cell are a poor estimate of the dust's density
 
 
 @dataclass
 class Cloud:
-    """One dust population with its SPH sums; `members` are its indices in the state's arrays."""
+    """One dust population with its SPH sums; `members` are its rows in the arrays of the dust."""
 
     members: Array
     pos: Array
     mass: Array
-    own: Array  # accelerations that gas does not share (n, d), or empty
+    acc_unshared: Array
     h: Array
     density: Array
     gradh: Array
@@ -41,13 +40,12 @@ class Cloud:
         return len(self.mass)
 
 
-def cloud_of(state: State, members: Array, sph: Sph) -> Cloud:
-    """Return the dust with the indices `members` as a cloud whose h and density are uninitialised."""
-    dust, own = state.dust, state.own_acc["dust"]
-    empty = np.empty(len(members))
+def cloud_of(dust: Dust, members: Array, sph: Sph) -> Cloud:
+    """Return the dust in the rows `members` as a cloud whose h and density are uninitialised."""
+    acc, empty = dust.acc_unshared, np.empty(len(members))
     return Cloud(
-        members, dust.pos[members], dust.mass[members], own[members] if len(own) > 0 else own,
-        empty, empty.copy(), empty.copy(), sph, None if dust.place is None else dust.place[members],
+        members, dust.pos[members], dust.mass[members], acc[members] if len(acc) > 0 else acc, empty, empty.copy(),
+        empty.copy(), sph, None if dust.global_index is None else dust.global_index[members],
     )  # fmt: skip
 
 
@@ -69,25 +67,23 @@ def settle_density(cloud: Cloud) -> None:
         sph.fixed = False
 
 
-def densities_of_sparse_dust(drag: Drag, state: State) -> Array:
+def densities_of_sparse_dust(gas: Gas, dust: Dust, law: Law, work: Work, scene: Scene) -> Array:
     """Return the density (n,) of dust that is too sparse to be counted in cells; 0 of other dust.
 
     The array is empty if the law needs no density or no dust is sparse. With few particles in cells t_stop = rho_d /
     K would be that of a single particle in its own cell.
     """
-    gas, dust = state.gas, state.dust
-    if drag.law.code != CONSTANT:
-        return NONE
-    sparse = [n for n, p in enumerate(state.scene.dust) if p.particles < SPARSE * state.scene.gas.particles]
-    out = np.zeros(dust.count if sparse else 0)
+    if law.code != CONSTANT:
+        return EMPTY
+    sparse = [n for n, p in enumerate(scene.dust) if p.particles < SPARSE * scene.gas.particles]
+    out = np.zeros(len(dust.mass) if sparse else 0)
     for number in sparse:
-        members = np.flatnonzero(dust.species == number)
+        members = np.flatnonzero(dust.class_of == number)
         if world.together.sum(len(members)) > 0:
-            sph = world.together.sph(Sph, state.scene)
-            sph.ignore_velocities()
+            sph = work.new_sph()
             sph.fixed = False  # the spacing of dust may be far above the gas's h
-            cloud = cloud_of(state, members, sph)
-            cloud.h[:] = guess_h(cloud, state.scene.dust[number].ratio * mean(gas.density))
+            cloud = cloud_of(dust, members, sph)
+            cloud.h[:] = guess_h(cloud, work.ratios[number] * mean(gas.density))
             settle_density(cloud)
             out[members] = cloud.density
     return out

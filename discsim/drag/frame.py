@@ -10,49 +10,43 @@ conserved.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from discsim.drag.base import NO_ROWS
 from discsim.kernels.drag.frame import Frame, multiples_of
 from discsim.numerics import alloc, world
 
-if TYPE_CHECKING:
-    from discsim.effects.drag import Effect as Drag
-    from discsim.numerics.state import Particles, State
-
 Array = np.ndarray
 RINGS = 16
-NOBODY = np.empty(0, np.int64)
 SAMPLE = 1024  # most sampled particles of a species: those with ids that are multiples of a power of two
 
 
 class Sample(NamedTuple):
-    """Sample of a species: the `rows` of `ids` (n,) that are multiples of `power`; number of loose rows."""
+    """Sample of a species: the `rows` of `ids` (n,) that are multiples of `power`; number of unsorted rows."""
 
     ids: Array
     power: int
     rows: Array
-    loose: int
+    unsorted: int
 
 
 Samples = dict[str, Sample]  # by species
 
 
-def frame(drag: Drag, state: State) -> Frame:
-    """Return the Keplerian frame of a state; without a star it is at rest."""
-    mass, softening = drag.star
+def frame_of(species: Mapping[str, Any], mass: float, softening: float, samples: Samples) -> Frame:
+    """Return the Keplerian frame about a star of a mass and softening, from samples of both species.
+
+    species: `Particles` of each, by name. Without a star, of mass 0, the frame is at rest.
+    """
     if mass == 0.0:
         return Frame(0.0, 0.0, 0.0, 0.0, np.ones(1))
-    return drag.agree("frame", lambda: _about_star(drag.samples, state, mass, softening))
-
-
-def _about_star(samples: Samples, state: State, mass: float, softening: float) -> Frame:
-    """Return the frame about a star of a mass and softening, from samples of both species."""
-    few = [_sample(samples, name, p) for name, p in state.species.items()]
+    few = [_sample(samples, name, p) for name, p in species.items()]
     parts = [
         world.together.sample(np.column_stack([p.mass[part], p.pos[part], p.vel[part]]), p.place, part)
-        for p, part in zip(state.species.values(), few, strict=True)
+        for p, part in zip(species.values(), few, strict=True)
     ]
     table = np.concatenate(parts)
     weight, pos, vel = table[:, 0], table[:, 1:3], table[:, 3:]
@@ -74,13 +68,13 @@ def _about_star(samples: Samples, state: State, mass: float, softening: float) -
     return Frame(mass, softening, low, per_ring, sense[:1] if np.ptp(sense) == 0.0 else sense)
 
 
-def _sample(samples: Samples, name: str, particles: Particles) -> Array:
+def _sample(samples: Samples, name: str, particles: Any) -> Array:
     """Return the rows of the sample of a species, and record them in `samples` until rows change."""
     ids, count = particles.ids, particles.everywhere
     every = 1 << max(0, -(-count // SAMPLE) - 1).bit_length()
-    known = samples.get(name, Sample(NOBODY, 0, NOBODY, 0))
-    if _only_loose_changed(known, particles, every):
-        rows = np.concatenate([known.rows, particles.loose[known.loose :]])
+    known = samples.get(name, Sample(NO_ROWS, 0, NO_ROWS, 0))
+    if _only_unsorted_changed(known, ids, every):
+        rows = np.concatenate([known.rows, particles.loose[known.unsorted :]])
         rows = rows[rows < len(ids)]
         rows = np.unique(rows[ids[rows] & every - 1 == 0])
     elif known.power == every and (known.ids is ids or _still_there(known.rows, known.ids, ids, every)):
@@ -91,12 +85,12 @@ def _sample(samples: Samples, name: str, particles: Particles) -> Array:
     return rows
 
 
-def _only_loose_changed(known: Sample, particles: Particles, every: int) -> bool:
-    """Return whether ids can differ only in rows that became loose since the sample, and in rows at the end.
+def _only_unsorted_changed(known: Sample, ids: Array, every: int) -> bool:
+    """Return whether ids can differ only in rows that became unsorted since the sample, and in rows at the end.
 
     This holds while the array begins at the same place in memory, as sorting makes a new one.
     """
-    return known.power == every and world.together.many and alloc.begin_alike(known.ids, particles.ids)
+    return known.power == every and world.together.many and alloc.begin_alike(known.ids, ids)
 
 
 def _still_there(rows: Array, before: Array, ids: Array, every: int) -> bool:
@@ -111,6 +105,6 @@ def _still_there(rows: Array, before: Array, ids: Array, every: int) -> bool:
     return bool(np.all(rows < len(ids)) and np.all(ids[rows] & every - 1 == 0))
 
 
-def clockwise(about_star: Frame) -> bool:
+def clockwise(frame: Frame) -> bool:
     """Return whether most of the frame turns clockwise. Cells then lie where those of the mirror image would."""
-    return bool(about_star.sense.sum() < 0.0)
+    return bool(frame.sense.sum() < 0.0)

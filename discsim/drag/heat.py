@@ -6,14 +6,11 @@ heat of a single particle may be negative, and in cold gas exceed the energy of 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
 from discsim.numerics import world
-
-if TYPE_CHECKING:
-    from discsim.numerics.state import Gas
 
 Array = np.ndarray
 
@@ -21,7 +18,7 @@ MOST = 0.25  # largest loss in a kick over a particle's energy; the prediction m
 SIDES = 1024  # most squares along the longest side
 
 
-def pay_losses(gas: Gas, width: float, heat: Array) -> None:
+def pay_losses(gas: Any, width: float, heat: Array) -> None:
     """Apply `share_losses` to the gas of all processes if any particle would lose too much."""
     if not world.together.most(bool((heat + MOST * gas.u < 0.0).any())):
         return

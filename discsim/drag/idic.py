@@ -12,28 +12,26 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from discsim.drag.base import NO_KERNEL, UNSHARED, Array, Cells, Scheme
+from discsim.drag.base import NO_KERNEL, UNSHARED, Cells, Kicked, Scheme
 from discsim.numerics.layout import LOADED
 from discsim.parts import Lazy
 
 if TYPE_CHECKING:
-    from discsim.effects.drag import Effect as Drag
-    from discsim.numerics.state import State
     from discsim.scene import Scene
 
 cells = Lazy("discsim.drag.cells")
 
 
-def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> None:
-    cells.relax_in_blocks(drag, state, dt, gas_vel, heat, linear=False)
+def kick(*given: Any) -> Kicked:
+    return cells.relax_in_blocks(*given, linear=False)
 
 
-def places(drag: Drag, state: State) -> Any:
-    return cells.blocks_of(drag, state, linear=False)
+def layout(*given: Any) -> Any:
+    return cells.layout(*given, linear=False)
 
 
-def members(drag: Drag, state: State) -> Any:
-    return cells.layout_of(drag, state, linear=False)[0]
+def build(*given: Any) -> Any:
+    return cells.sort_into_blocks(*given)
 
 
 def leaf(scene: Scene, number: float, h_mean: Callable[[], float], h_least: float) -> float:
@@ -55,6 +53,4 @@ def least(scene: Scene) -> tuple[int, int]:
 
 
 CELLS = Cells(leaf, few=(8, 30), few_random=(8, 30), least=least)
-SCHEME = Scheme(
-    relax, sizes=True, unused=NO_KERNEL, cells=CELLS, nanoseconds=90.0, places=places, members=members, reads=UNSHARED
-)
+SCHEME = Scheme(kick, layout, build, reads=UNSHARED, sizes=True, unused=NO_KERNEL, cells=CELLS, nanoseconds=90.0)

@@ -9,31 +9,21 @@ cell.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from discsim.drag.base import NO_KERNEL, UNSHARED, Array, Scheme
-from discsim.drag.idic import CELLS
+from discsim.drag.base import NO_KERNEL, UNSHARED, Kicked, Scheme
+from discsim.drag.idic import CELLS, build
 from discsim.parts import Lazy
-
-if TYPE_CHECKING:
-    from discsim.effects.drag import Effect as Drag
-    from discsim.numerics.state import State
 
 cells = Lazy("discsim.drag.cells")
 
 
-def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> None:
-    cells.relax_in_blocks(drag, state, dt, gas_vel, heat, linear=True)
+def kick(*given: Any) -> Kicked:
+    return cells.relax_in_blocks(*given, linear=True)
 
 
-def places(drag: Drag, state: State) -> Any:
-    return cells.blocks_of(drag, state, linear=True)
+def layout(*given: Any) -> Any:
+    return cells.layout(*given, linear=True)
 
 
-def members(drag: Drag, state: State) -> Any:
-    return cells.layout_of(drag, state, linear=True)[0]
-
-
-SCHEME = Scheme(
-    relax, sizes=True, unused=NO_KERNEL, cells=CELLS, nanoseconds=100.0, places=places, members=members, reads=UNSHARED
-)
+SCHEME = Scheme(kick, layout, build, reads=UNSHARED, sizes=True, unused=NO_KERNEL, cells=CELLS, nanoseconds=100.0)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from discsim.drag.cells import Blocks, Layout, lattice, law_of, lay_blocks, sort_into_blocks, species_in
-from discsim.drag.frame import clockwise, frame
+from discsim.drag.base import EMPTY, CellRule, Dust, Gas, Kicked, Law, Work
+from discsim.drag.cells import Blocks, Layout, OneRank, law_over, lay_blocks, sort_into_blocks, species_in
+from discsim.drag.frame import clockwise
 from discsim.kernels.common.simd import LANES
 from discsim.kernels.drag.blocks import IGNORE, LEVELS, NEAR, members_alone
 from discsim.kernels.drag.cells import free_kick
@@ -23,23 +24,18 @@ from discsim.kernels.drag.tsc import relax as nodes_relax
 from discsim.kernels.drag.tsc import scatter as nodes_scatter
 from discsim.kernels.drag.tsc import sharpen as nodes_sharpen
 from discsim.kernels.drag.tsc.nodes import BX, FIELDS, Cells, Change, Nodes, Sharp, Slopes
-from discsim.kernels.drag.types import Law, Species
+from discsim.kernels.drag.types import Species
 from discsim.numerics import world
 from discsim.numerics.alloc import aligned
 from discsim.numerics.threads import parallel_for, parallel_for_fused
 
-if TYPE_CHECKING:
-    from discsim.effects.drag import Effect as Drag
-    from discsim.numerics.state import State
-
 Array = np.ndarray
-NONE = np.empty(0)
 FEW = 6  # grains of a class in a cell from which on a sum over the cell is cheaper than its single grains
 LEAST = 64  # least blocks or nodes in a chunk of a loop
 
 
-class Places(NamedTuple):
-    """Position data of a kick: members of blocks, and the stencil of every cell and node.
+class NodeCells(NamedTuple):
+    """Cells of a kick: members of blocks, and the stencil of every cell and node.
 
     Arrays are as in `Cells` and `Nodes` of `kernels/drag/tsc/nodes.py`. slots: total number of slots, one for each
     species that is present in a block. rows (blocks times populations + 1,), of gas and of dust: number of rows of
@@ -47,7 +43,6 @@ class Places(NamedTuple):
     """
 
     blocks: Blocks
-    about_star: Frame
     rows: tuple[Array, Array]
     corners: Array
     sides: Array
@@ -59,54 +54,45 @@ class Places(NamedTuple):
     centre: Array
 
 
-def layout_of(drag: Drag, state: State) -> tuple[Layout, Frame]:
-    """Return the blocks whose particles have nodes, and the Keplerian frame for velocities."""
-    about_star = frame(drag, state)
-    lengths = drag.width.counted(state.gas.pos, state.gas.h)
-    layout = lay_blocks(
-        drag, state, lattice(drag, state, lengths), lengths, (1, 0), drag.scheme.cells.share * drag.width.number,
-        NEAR if drag.two_way else IGNORE,  # dust in the next cell suffices, as a node has the dust of nine cells
-        True, clockwise(about_star),
-    )  # fmt: skip
-    return layout, about_star
+def layout(gas: Gas, dust: Dust, rule: CellRule, frame: Frame, ranks: OneRank) -> Layout:
+    """Return the blocks whose particles have nodes."""
+    dust_in = NEAR if rule.two_way else IGNORE  # dust in the next cell suffices, as a node has the dust of nine cells
+    return lay_blocks(gas, dust, rule, ranks, dust_in, True, clockwise(frame))
 
 
-def places(drag: Drag, state: State) -> Places:
-    """Return the position data of the next kick."""
-    layout, about_star = layout_of(drag, state)
-    blocks = sort_into_blocks(drag, state, layout)
+def build(gas: Gas, dust: Dust, rule: CellRule, layout: Layout) -> NodeCells:
+    """Return the cells of the next kick."""
+    blocks = sort_into_blocks(gas, dust, rule, layout)
     grid, lattices = blocks.lattice, levels.lattices(*blocks.lattice.shape, blocks.lattice.joined, LEVELS + 1)
-    home, place, about, near = levels.list_nodes(blocks.level, blocks.first_leaf, lattices, drag.dim == 1)
+    home, place, about, near = levels.list_nodes(blocks.level, blocks.first_leaf, lattices, rule.dim == 1)
     centre = np.empty((len(near), 2))
     parallel_for(levels.node_centres, len(near), place, grid.origin, grid.side, grid.first, centre)
-    slot = np.empty((len(home), drag.classes.number + 1), np.int32)
+    slot = np.empty((len(home), rule.classes + 1), np.int32)
     rows = np.empty(len(home) + 1, np.int64), np.empty(slot[:, 1:].size + 1, np.int64)
     slots = nodes_columns.find_slots(blocks.gas_start, blocks.dust_start, slot, *rows)
-    return Places(blocks, about_star, rows, *blocks.squares(), home, slot, slots, about, near, centre)
+    return NodeCells(blocks, rows, *blocks.squares(), home, slot, slots, about, near, centre)
 
 
-def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> None:
-    """Kick gas and dust over dt, as `Scheme.relax`."""
-    there: Places = drag.places(state)
-    blocks, about_star = there.blocks, there.about_star
-    few = drag.classes.number > 1 and _are_few(drag, blocks, state.dust.count)
-    law = law_of(drag, dt)
-    gas, dust = species_in(drag, state, blocks, gas_vel)
-    cells, nodes = _sums(drag, there, few and len(state.own_acc["dust"]) == 0)
+def kick(gas: Gas, dust: Dust, law: Law, frame: Frame, dt: float, there: NodeCells, work: Work) -> Kicked:
+    """Kick gas and dust over dt, as `Scheme.kick`."""
+    blocks, classes, heat = there.blocks, len(law.grains), work.heat
+    few = classes > 1 and _are_few(blocks, classes, dust.local)
+    gas_in, dust_in = both = species_in(gas, dust, classes, blocks)
+    cells, nodes = _sums(there, classes, law, work, few and len(dust.acc_unshared) == 0)
     rows_of_gas, rows_of_dust = there.rows
-    gas_columns, collect_gas = _gather(drag, gas, cells, nodes, rows_of_gas, about_star, law.code)
+    gas_columns, collect_gas = _gather(work, gas_in, cells, nodes, rows_of_gas, frame, law.code)
     parallel_for_fused([collect_gas], len(nodes.near), least=LEAST)  # sums of dust depend on which nodes have gas
-    dust_columns, collect_dust = _gather(drag, dust, cells, nodes, rows_of_dust, about_star, law.code)
-    sharp = _relax_nodes(drag, state, blocks, gas, cells, nodes, collect_dust, law, about_star, len(heat) > 0)
+    dust_columns, collect_dust = _gather(work, dust_in, cells, nodes, rows_of_dust, frame, law.code)
+    sharp = _relax_nodes(gas_in, dust_in, blocks, cells, nodes, collect_dust, law, frame, dt, work)
     packed = gas_columns, dust_columns
-    met = [np.empty((len(cells.home), kind.number)) for kind in (gas, dust)]
+    met = [np.empty((len(cells.home), kind.number)) for kind in both]
     # With heat the blocks of ghosts are kicked too, as the heat of their losses passes on to local gas.
-    kicked = len(cells.home) if len(heat) > 0 else drag.agree.own_blocks(len(cells.home))
-    kinds = list(zip((gas, dust), packed, met, strict=True))
-    if not drag.two_way:
+    kicked = len(cells.home) if len(heat) > 0 else blocks.own
+    kinds = list(zip(both, packed, met, strict=True))
+    if not law.two_way:
         del kinds[0]  # the gas feels no drag, and `kick_gas` kicks it
     passes = [
-        (nodes_scatter.scatter, kind, cells, nodes, sharp, *columns, dt, drag.exponential, rate)
+        (nodes_scatter.scatter, kind, cells, nodes, sharp, *columns, dt, law.exponential, rate)
         for kind, columns, rate in kinds
     ]
     parallel_for_fused(passes, kicked, least=LEAST)  # in this order: both add to the heat of a node
@@ -114,16 +100,20 @@ def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> N
         free_kick(_outside(kind, cells), kind.vel, kind.acc, dt)
     if len(heat) > 0:
         nodes_heat.move_heat_to_gas(nodes, sharp.heat)
-        parallel_for(nodes_heat.spread, len(cells.home), gas, cells, nodes, sharp.heat, *packed[0], heat, least=LEAST)
-    drag.alone = members_alone(dust.order, dust.start, met[1], blocks.enlarged, kicked)
-    drag.stopping_times = lambda: _stopping_times(dust, cells, nodes, sharp, packed[1])
+        parallel_for(
+            nodes_heat.spread, len(cells.home), gas_in, cells, nodes, sharp.heat, *packed[0], heat, least=LEAST
+        )
+    return Kicked(
+        members_alone(dust_in.order, dust_in.start, met[1], blocks.enlarged, kicked),
+        lambda: _stopping_times(dust_in, cells, nodes, sharp, packed[1]),
+    )
 
 
-def _kept(drag: Drag, name: str, *shape: int) -> Array:
+def _kept(work: Work, name: str, *shape: int) -> Array:
     """Return a scratch array with the contents of the last kick, since allocation costs as much as the loops on it."""
-    size, buffer = math.prod(shape), drag.buffers.get(name, NONE)
+    size, buffer = math.prod(shape), work.buffers.get(name, EMPTY)
     if len(buffer) < size:
-        buffer = drag.buffers[name] = aligned((size + size // 16,))
+        buffer = work.buffers[name] = aligned((size + size // 16,))
     return buffer[:size].reshape(shape)
 
 
@@ -132,35 +122,32 @@ def _outside(kind: Species, cells: Cells) -> Array:
     return kind.order[kind.start[len(cells.home) * kind.number] :]
 
 
-def _are_few(drag: Drag, blocks: Blocks, grains: int) -> bool:
-    """Return whether cells have too few grains of a class, over all processes, for sums over a cell to pay."""
-    own = np.zeros(grains, bool)
-    own[drag.agree.own_grains] = True
-    start = blocks.dust_start[: len(blocks.level) * drag.classes.number + 1]
+def _are_few(blocks: Blocks, classes: int, local: int) -> bool:
+    """Return whether cells have too few grains of a class, over all ranks, for sums over a cell to pay."""
+    start = blocks.dust_start[: len(blocks.level) * classes + 1]
     filled = np.flatnonzero(np.diff(start))
-    cells = np.count_nonzero(own[blocks.dust_order[start[filled]]])  # cells whose first grain is local
-    held = np.count_nonzero(own[blocks.dust_order[: start[-1]]])
+    cells = np.count_nonzero(blocks.dust_order[start[filled]] < local)  # cells whose first grain is local
+    held = np.count_nonzero(blocks.dust_order[: start[-1]] < local)
     return bool(world.together.sum(held) < FEW * world.together.sum(cells))
 
 
-def _sums(drag: Drag, there: Places, by_grain: bool) -> tuple[Cells, Nodes]:
+def _sums(there: NodeCells, classes: int, law: Law, work: Work, by_grain: bool) -> tuple[Cells, Nodes]:
     """Return cells and nodes, with uninitialised arrays for their sums."""
-    blocks, _, _, corners, sides, home, slot, slots, about, near, centre = there
-    species = drag.classes.number + 1
+    blocks, _, corners, sides, home, slot, slots, about, near, centre = there
     count = len(home)
-    given = _kept(drag, "given of cells", count if by_grain else slots, 9, FIELDS)
-    own = _kept(drag, "own of cells", slots, 3, FIELDS)
-    total = _kept(drag, "all dust of cells", count if by_grain else 0, 3, FIELDS)
-    share_of = _kept(drag, "shares of grains", len(blocks.dust_order) if by_grain else 0)
-    square = np.empty(len(near) if drag.dim == 2 and drag.two_way else 0)
+    given = _kept(work, "given of cells", count if by_grain else slots, 9, FIELDS)
+    own = _kept(work, "own of cells", slots, 3, FIELDS)
+    total = _kept(work, "all dust of cells", count if by_grain else 0, 3, FIELDS)
+    share_of = _kept(work, "shares of grains", len(blocks.dust_order) if by_grain else 0)
+    square = np.empty(len(near) if work.dim == 2 and law.two_way else 0)
     return (
-        Cells(corners, sides, home, slot, given, own, total, share_of, blocks.period(drag.size)),
-        Nodes(about, near, centre, aligned((len(near), species, FIELDS)), square),
+        Cells(corners, sides, home, slot, given, own, total, share_of, work.period),
+        Nodes(about, near, centre, aligned((len(near), classes + 1, FIELDS)), square),
     )
 
 
 def _gather(
-    drag: Drag, kind: Species, cells: Cells, nodes: Nodes, rows: Array, about_star: Frame, law: int
+    work: Work, kind: Species, cells: Cells, nodes: Nodes, rows: Array, frame: Frame, law: int
 ) -> tuple[tuple[Array, Array], tuple[Any, ...]]:
     """Gather the particles of a species to cells.
 
@@ -170,17 +157,17 @@ def _gather(
     """
     name, count = ("gas", "dust")[kind.first], len(cells.home)
     if kind.first > 0 and len(cells.total) > 0:
-        row = _kept(drag, "rows of grains", len(kind.order), FIELDS)
+        row = _kept(work, "rows of grains", len(kind.order), FIELDS)
         parallel_for(
-            nodes_grains.gather_grains, count, kind, cells, nodes, about_star, law, row, cells.share,
+            nodes_grains.gather_grains, count, kind, cells, nodes, frame, law, row, cells.share,
             least=LEAST,
         )  # fmt: skip
         collect = nodes_grains.collect_grains, kind, nodes, row, cells.share
         return (np.empty(0, np.int64), row.ravel()), collect
     begin = (FIELDS if len(kind.own) > 0 else BX) * LANES * rows
-    column = _kept(drag, f"columns of {name}", int(begin[-1]))
+    column = _kept(work, f"columns of {name}", int(begin[-1]))
     square = np.empty((count if kind.first == 0 and len(nodes.square) > 0 else 0, 9))
-    parallel_for(nodes_gather.gather, count, kind, cells, nodes, about_star, law, begin, column, square, least=LEAST)
+    parallel_for(nodes_gather.gather, count, kind, cells, nodes, frame, law, begin, column, square, least=LEAST)
     return (begin, column), (nodes_gather.collect, kind, cells, nodes, square)
 
 
@@ -193,31 +180,32 @@ def _mean_thermal_speed(gas: Species, blocks: Blocks) -> Array:
 
 
 def _relax_nodes(
-    drag: Drag, state: State, blocks: Blocks, gas: Species, cells: Cells, nodes: Nodes, collect: tuple[Any, ...],
-    law: Law, about_star: Frame, heating: bool,
+    gas: Species, dust: Species, blocks: Blocks, cells: Cells, nodes: Nodes, collect: tuple[Any, ...], law: Law,
+    frame: Frame, dt: float, work: Work,
 ) -> Sharp:  # fmt: skip
     """Relax the slip at nodes, after `collect` has summed the dust there, and return the changes that particles
     receive.
     """
     total, species = nodes.sums.shape[:2]
-    sourced = np.array([len(state.own_acc["gas"]) > 0] + [len(state.own_acc["dust"]) > 0] * (species - 1))
+    sourced = np.array([len(gas.own) > 0] + [len(dust.own) > 0] * (species - 1))
     slopes = Slopes(aligned((total, 4)), aligned((total, species, 4)), np.zeros((total, species), bool))
-    passes = [collect, (nodes_fit.fit, cells, nodes, drag.dim, drag.two_way, sourced, slopes)]
+    passes = [collect, (nodes_fit.fit, cells, nodes, work.dim, law.two_way, sourced, slopes)]
     sound = None
-    if drag.law.nonlinear:
+    if law.nonlinear:
         sound = np.empty(total)
         passes.append((nodes_relax.mean_sound, nodes, cells.own, _mean_thermal_speed(gas, blocks), sound))
     parallel_for_fused(passes, total, least=LEAST)
     change = Change(*aligned((2, total, species, 2)), *aligned((2, total, species)))
     parallel_for(
-        nodes_relax.relax, total, nodes, slopes, sourced, sound, law, about_star, drag.classes.several, change,
+        nodes_relax.relax, total, nodes, slopes, sourced, sound, law_over(law, dt), frame, law.several, change,
         least=LEAST,
     )  # fmt: skip
+    heating = len(work.heat) > 0
     sharp = Sharp(
         aligned((total, species, LANES)), aligned((total, 4)), np.empty(total if heating else 0),
         np.empty((total if heating and len(nodes.square) > 0 else 0, 2, LANES)),
     )  # fmt: skip
-    parallel_for(nodes_sharpen.sharpen, total, nodes, slopes.pooled, change, drag.two_way, law.dt, sharp, least=LEAST)
+    parallel_for(nodes_sharpen.sharpen, total, nodes, slopes.pooled, change, law.two_way, dt, sharp, least=LEAST)
     return sharp
 
 

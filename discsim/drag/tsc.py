@@ -17,28 +17,26 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discsim.drag.base import NO_KERNEL, UNSHARED, Array, Cells, Scheme
+from discsim.drag.base import NO_KERNEL, UNSHARED, Cells, Kicked, Scheme
 from discsim.parts import Lazy
 
 if TYPE_CHECKING:
-    from discsim.effects.drag import Effect as Drag
-    from discsim.numerics.state import State
     from discsim.scene import Scene
 
 nodes = Lazy("discsim.drag.nodes")
 NEAREST = 0.5**0.5  # least ratio of the nearest power of two to the wanted side
 
 
-def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> None:
-    nodes.relax(drag, state, dt, gas_vel, heat)
+def kick(*given: Any) -> Kicked:
+    return nodes.kick(*given)
 
 
-def places(drag: Drag, state: State) -> Any:
-    return nodes.places(drag, state)
+def layout(*given: Any) -> Any:
+    return nodes.layout(*given)
 
 
-def members(drag: Drag, state: State) -> Any:
-    return nodes.layout_of(drag, state)[0]
+def build(*given: Any) -> Any:
+    return nodes.build(*given)
 
 
 def leaf(scene: Scene, number: float, h_mean: Callable[[], float], h_least: float) -> float:
@@ -54,13 +52,5 @@ def leaf(scene: Scene, number: float, h_mean: Callable[[], float], h_least: floa
 CELLS = Cells(leaf, few=(2, 2), few_random=(3, 9), share=NEAREST)
 # Two rings: a node's change is sharpened by those of its neighbours, which depend on slopes about the neighbours.
 SCHEME = Scheme(
-    relax,
-    sizes=True,
-    unused=NO_KERNEL,
-    cells=CELLS,
-    nanoseconds=220.0,
-    places=places,
-    members=members,
-    rings=2,
-    reads=UNSHARED,
+    kick, layout, build, rings=2, reads=UNSHARED, sizes=True, unused=NO_KERNEL, cells=CELLS, nanoseconds=220.0
 )

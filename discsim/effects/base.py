@@ -131,7 +131,7 @@ class Effect:
 
     def __init_subclass__(cls) -> None:
         """Refuse methods of the former interface, which no step calls."""
-        if "accelerate" in vars(cls) and "operators" not in vars(cls):
+        if "accelerate" in vars(cls) and cls.operators is Effect.operators:
             raise TypeError("accelerate alone is no part of an effect; expected operators (docs/recipes/effect.md)")
 
     @classmethod

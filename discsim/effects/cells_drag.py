@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from discsim.drag import cautions
+from discsim.drag.classes import law_of
 from discsim.effects import base
 from discsim.effects.stopping import stopping_columns
 from discsim.numerics.state import State
@@ -29,8 +30,7 @@ ppm = Lazy("discsim.numerics.ppm")
 class Effect(base.KickEffect):
     def __init__(self, scene: Scene, state: State) -> None:
         self.advance = SCHEMES[scene.drag.scheme].advance
-        self.law = SceneLaw(scene)
-        self.exponential = scene.drag.integration == "exponential"
+        self.law = law_of(scene, SceneLaw(scene))
         self.heating = scene.drag.heating
         self.tube = ppm.Tube(scene, state)
 
@@ -47,7 +47,7 @@ class Effect(base.KickEffect):
         return [base.Operator("drag.move", base.Slot.MOVE, self.move)]
 
     def move(self, state: State, dt: float) -> None:
-        self.tube.write(state, self.advance(self, self.tube, self.tube.read(state), dt))
+        self.tube.write(state, self.advance(self.law, self.tube, self.tube.read(state), dt, self.heating))
 
     def current_stopping_times(self, state: State) -> np.ndarray:
         """Return the stopping time of the dust in each cell (n,)."""

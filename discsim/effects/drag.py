@@ -7,33 +7,30 @@ limits the step to about t_stop / max(1, eps). All other drag limits no step.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field, StrictBool
 
 from discsim.drag import cautions
-from discsim.drag.base import Scheme
-from discsim.drag.classes import Classes, classes_of
-from discsim.drag.known import Known
-from discsim.drag.width import Width
+from discsim.drag.base import Kicked
+from discsim.drag.classes import classes_of
+from discsim.drag.engine import Engine
 from discsim.effects import base
 from discsim.effects.gas import kick_energy, kick_gas
 from discsim.effects.stopping import stopping_columns
-from discsim.numerics.layout import SOFT
-from discsim.numerics.state import Dust, State
+from discsim.numerics.state import State
 from discsim.numerics.threads import copied, parallel_for
-from discsim.numerics.totals import mean, total
+from discsim.numerics.totals import mean
 from discsim.parts import LAWS, SCHEMES, USUAL_SCHEME, Lazy
 from discsim.physics.grains import has_sizes
-from discsim.physics.laws import SceneLaw, stopping_times
+from discsim.physics.laws import stopping_times
 from discsim.physics.local import Expected
 from discsim.scene.fields import Default, Length, Measure, Number, Table, Time, word_of
 from discsim.scene.rules import Draft, Problem
 
 if TYPE_CHECKING:
-    from discsim.drag.frame import Samples
     from discsim.physics.local import Local, Outlook
     from discsim.scene import Scene
 
@@ -50,7 +47,6 @@ OF_CELLS = (
     "integration",
 )  # keys that apply to SPH gas only
 
-NOBODY = np.empty(0, np.int64)
 OF_A_CLASS = 0.12  # additional cost of each further class of grains, in costs of a kick
 
 
@@ -162,36 +158,16 @@ def _heating(draft: Draft) -> Iterator[Problem]:
 CELLS = "drag.cells"  # the operator that finds them
 
 
-def _moving_mass(dust: Dust) -> np.ndarray:
-    return dust.mass if dust.immobile is None else np.where(dust.immobile, 0.0, dust.mass)
-
-
 class Effect(base.KickEffect):
     keys = Keys
     role = base.Role(kicks=True, grid=True, lists_schemes=True)
     rules = (_partners, _keys_of_the_law, _keys_of_the_scheme, _width_of_classes, _one_cell, _heating)
 
     def __init__(self, scene: Scene, state: State) -> None:
-        self.scene, self.drag, self.state = scene, scene.drag, state
+        self.drag, self.state = scene.drag, state
         self.two_way = self.drag.direction == "two-way"
-        self.dim = scene.space.dimensions
-        self.scheme: Scheme = SCHEMES[self.drag.scheme]
-        self.exponential = self.drag.integration == "exponential"
-        self.law, self.width = SceneLaw(scene), Width(scene)
-        self.classes = Classes(scene, self.law)
-        # Limits in wanted sides, up to which cells grow that lack particles (soft) or a species (hard).
-        self.soft, self.hard = SOFT, 8.0 if self.dim == 1 else 4.0
-        self.star = state.central
-        self.size = np.ones(2)
-        self.size[: self.dim] = scene.space.size
-        self.alone = NOBODY  # indices of the dust in enlarged cells or without gas, at the last kick
-        self._masses_alone = np.empty(0)  # masses of that dust
-        self.buffers: dict[str, np.ndarray] = {}  # scratch arrays that a scheme reuses in every kick
-        self.samples: Samples = {}  # sampled particles that the frame is made from
-        self.relax_by, self.limit_by = self.scheme.relax, self.scheme.limit
-        self.agree = Known()
-        self.found_times: np.ndarray | Callable[[], np.ndarray] = np.empty(0)
-        self._there: Any = None  # result of the scheme's `places` for this kick
+        self.engine = Engine(scene, state.central)
+        self.law = self.engine.law
         self._kicked = (-1, 0.0)  # step and time of the last kick
 
     @classmethod
@@ -227,40 +203,20 @@ class Effect(base.KickEffect):
 
     @property
     def stopping_times(self) -> np.ndarray:
-        """Stopping times of the dust at the last kick (n,), inf without gas; computed at the first access."""
-        self.found_times = times = self.found_times() if callable(self.found_times) else self.found_times
-        return times
-
-    @stopping_times.setter
-    def stopping_times(self, times: np.ndarray | Callable[[], np.ndarray]) -> None:
-        self.found_times = times
+        """Stopping times of the dust at the last kick (n,), inf without gas."""
+        return self.engine.stopping_times
 
     @property
     def uncoupled(self) -> float:
-        """Share of the dust mass in enlarged cells or without gas, at the last kick.
-
-        Its exact sums cost 1% of a step, so they are not made in each step.
-        """
-        alone = total(self._masses_alone)
-        whole = total(_moving_mass(self.state.dust)) if alone > 0.0 else 0.0
-        return alone / whole if whole > 0.0 else 0.0
+        """Share of the dust mass in enlarged cells or without gas, at the last kick."""
+        return self.engine.uncoupled_share(self.state.dust)
 
     def find_cells(self, view: base.View) -> tuple[Any, np.ndarray] | None:
-        """Return the scheme's `places` for the next kick, and the velocities of the gas before it."""
-        if self.scheme.places is None:
+        """Return the cells of the next kick, and the velocities of the gas before it."""
+        # About another centre than the origin the kick shifts positions, which other threads read at the same time.
+        if self.engine.scheme.build is None or view.centre is not None or not _both_present(view):
             return None
-        if view.centre is not None:  # the kick shifts positions, which other threads read at the same time
-            return None
-        if view.gas.everywhere == 0 or view.dust.everywhere == 0:
-            return None
-        self._sort(view)
-        return self.scheme.places(self, view), copied(view.gas.vel)
-
-    def places(self, state: State | base.View) -> Any:
-        """Return the result of the scheme's `places` for one kick, from `find_cells` if it was called."""
-        assert self.scheme.places is not None
-        there, self._there = self._there, None
-        return self.scheme.places(self, state) if there is None else there
+        return self.engine.prepare(view), copied(view.gas.vel)
 
     @classmethod
     def expected_limit(cls, scene: Scene, outlook: Outlook) -> Expected:
@@ -278,23 +234,22 @@ class Effect(base.KickEffect):
         return Expected(float(shortest[worst]), at.where(worst))
 
     def limit(self, view: base.View) -> dict[str, base.Limit]:
-        if self.limit_by is None or not self.two_way or view.gas.everywhere == 0 or view.dust.everywhere == 0:
+        if not self.engine.scheme.explicit or not self.two_way or not _both_present(view):
             return {}
-        return {base.ALL: base.Limit(self.limit_by(self, view))}
+        return {base.ALL: base.Limit(self.engine.limit(view))}
 
     def kick(self, state: State, dt: float) -> None:
         gas, dust, two_way = state.gas, state.dust, self.two_way
         self._kicked = state.step, state.time
-        self._there, before = state.results.pop(CELLS, None) or (None, copied(gas.vel))
+        prepared, before = state.results.pop(CELLS, None) or (None, copied(gas.vel))
         heat = np.zeros(gas.count if self.drag.heating else 0)
-        if gas.everywhere > 0 and dust.everywhere > 0:
+        if _both_present(state):
             # One-way: `kick_gas` below kicks the gas, with the same bits as without dust.
-            self._relax(state, dt, gas.vel if two_way else before, heat)
+            self.engine.kick(state, dt, gas.vel if two_way else before, heat, prepared)
         else:
             parallel_for(moves.add_scaled, gas.count, gas.vel if two_way else before, gas.acc, dt, light=True)
             parallel_for(moves.add_scaled, dust.count, dust.vel, dust.acc, dt, light=True)
-            self._let_alone(dust, np.arange(dust.count))
-            self.stopping_times = np.full(dust.count, np.inf)
+            self.engine.record(dust, Kicked(np.arange(dust.count), np.full(dust.count, np.inf)))
         if not two_way:
             kick_gas(state, dt)
             return
@@ -321,38 +276,17 @@ class Effect(base.KickEffect):
         gas, dust = state.gas, state.dust
         if self._kicked == (state.step, state.time) and not self.law.nonlinear:
             return self.stopping_times
-        if gas.everywhere == 0 or dust.everywhere == 0:
+        if not _both_present(state):
             return np.full(dust.count, np.inf)
         vel, dust.vel = dust.vel, dust.vel.copy()
         state.results.pop(CELLS, None)  # the caller may have changed positions
-        self._there = None
-        self._relax(state, 0.0, gas.vel.copy(), np.zeros(gas.count if self.drag.heating else 0))
+        self.engine.kick(state, 0.0, gas.vel.copy(), np.zeros(gas.count if self.drag.heating else 0))
         dust.vel = vel
         return self.stopping_times
 
     def columns(self, state: State) -> dict[str, dict[str, np.ndarray]]:
         return stopping_columns(state, self.current_stopping_times(state))
 
-    def _sort(self, state: State | base.View) -> None:
-        """Sort the dust into classes, and update the mass and softening of the centre."""
-        self.classes.sort(state.dust)
-        self.star = state.central
 
-    def _relax(self, state: State, dt: float, gas_vel: np.ndarray, heat: np.ndarray) -> None:
-        """Kick dust in place and the gas in `gas_vel` (n, d) by the scheme, and record the uncoupled dust."""
-        dust = state.dust
-        resting = dust.vel[dust.immobile] if dust.immobile is not None else None
-        assert self.relax_by is not None
-        self.alone = NOBODY
-        self._sort(state)
-        with state.about_centre(gas_vel):
-            self.relax_by(self, state, dt, gas_vel, heat)
-        self._let_alone(dust, self.alone)
-        if resting is not None:
-            dust.vel[dust.immobile] = resting
-
-    def _let_alone(self, dust: Dust, alone: np.ndarray) -> None:
-        """Record the indices `alone` of the dust that a kick did not couple to gas, and the present masses of that
-        dust.
-        """
-        self.alone, self._masses_alone = alone, _moving_mass(dust)[alone]
+def _both_present(state: State | base.View) -> bool:
+    return state.gas.everywhere > 0 and state.dust.everywhere > 0

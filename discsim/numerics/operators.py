@@ -62,7 +62,8 @@ OF_BODIES = frozenset({
     "bodies", "central", "central_mass", "star_mass", "star_pull", "star_place", "centre", "from_centre", "from_star",
     "kepler_omega", "cooled",
 })  # fmt: skip
-ALWAYS = frozenset({"count", "everywhere", "ids", "immobile", "place", "loose", "spare"})  # of particles
+# Attributes of particles that every operator sees: numbers, order and spare memory, none of which a kernel changes.
+ALWAYS = frozenset({"count", "everywhere", "ids", "immobile", "place", "loose", "spare"})
 PLAIN = frozenset({"scene", "time", "step", "earlier", "lag", "grid", "own_acc"})  # of the state
 
 
@@ -160,7 +161,7 @@ class Declared:
         return getattr(self._particles, name)
 
     def __setattr__(self, name: str, value: Any) -> None:
-        if f"{self._species}.{name}" not in self._operator.writes:
+        if name != "spare" and f"{self._species}.{name}" not in self._operator.writes:
             raise AttributeError(f"the operator {self._operator.name} does not declare that it writes {name}")
         setattr(self._particles, name, value)
 

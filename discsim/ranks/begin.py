@@ -30,9 +30,8 @@ def divide(sim: Simulation, comm: Comm, alike: bool = True) -> Ranks:
         effects["gas"].sph = DividedSph(sim.scene, comm)
         if sim.scene.drag is not None:
             drag = effects["drag"]
-            drag.relax_by = divided = DividedDrag(drag, ranks.division)
-            ranks.forgets.append(divided.forget)
-            drag.limit_by = divided.limit if drag.limit_by is not None else None
+            drag.engine = DividedDrag(sim.scene, drag.engine.star, ranks.division)
+            ranks.forgets.append(drag.engine.release)
     if "self_gravity" in effects:
         effects["self_gravity"].mesh = gravity.divided(effects["self_gravity"].mesh, ranks.division)
     sim.costs = DividedCosts(sim.costs, comm.traffic)

@@ -8,17 +8,17 @@ the ghosts are all particles of other ranks, and each rank computes the whole ki
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Sequence
-from dataclasses import MISSING, fields, replace
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from mpi4py import MPI
 
-from discsim.drag.cells import ABOUT_GRAINS, Merged, about_grains
-from discsim.drag.known import Known
+from discsim.drag.base import CellRule, Dust, Gas, Kicked
+from discsim.drag.cells import Layout, Merged
+from discsim.drag.engine import Engine, Prepared, Seen
 from discsim.kernels.drag.blocks import LEVELS, MOST
+from discsim.kernels.drag.frame import Frame
 from discsim.kernels.drag.tsc import levels
 from discsim.kernels.mpi.halo import (
     batches_near,
@@ -39,205 +39,116 @@ from discsim.ranks.leaves import Leaves, widened
 
 if TYPE_CHECKING:
     from discsim.drag.cells import Lattice
-    from discsim.effects.drag import Effect as Drag
     from discsim.ranks.division import Division
+    from discsim.scene import Scene
 
 Array = np.ndarray
 HEAT = 2  # more rings: a node gets heat from the particles of its cell, and from nodes about it that have no gas
 
 
-class Agreement(Known):
-    """Collective results of the first pass over own particles, for use in the kick."""
+class DividedDrag(Engine):
+    """`Engine` of a rank."""
 
-    def __init__(self, parts: Leaves) -> None:
-        self.parts, self.found, self._own_blocks = parts, dict[str, Any](), 0
-        self._leaves = dict[str, Array]()
-        self._held: Array | None = None
-
-    def __call__(self, name: str, find: Callable[[], Any]) -> Any:
-        if name not in self.found:
-            self.found[name] = find()
-        return self.found[name]
-
-    def own_blocks(self, count: int) -> int:
-        return self._own_blocks
-
-    def part_of(self, lattice: Lattice, shift: Array, species: Sequence[Any]) -> Lattice:
-        return self.parts.part_of(lattice, shift, species)
-
-    def summed(self, lattice: Lattice, *held: Array) -> list[Array]:
-        out, self._held = self.parts.summed(lattice, *held)
-        return out
-
-    def held(self, lattice: Lattice, leaves: Sequence[Array]) -> Array:
-        """Return which leaves of a part hold own particles, also if `summed` was not called.
-
-        `leaves` has the leaf of each own particle, by species.
-        """
-        if self._held is None:
-            self._held = np.zeros(math.prod(lattice.shape) + 1, bool)
-            for leaf in leaves:
-                self._held[leaf] = True
-            self._held = self._held[:-1]
-        return self._held
-
-    def leaves(self, name: str, pos: Array, find: Callable[[Array], Array]) -> Array:
-        """Return the leaf of each position, as `Known.leaves`.
-
-        The second call finds the leaves of ghosts alone. The leaves of own particles are those of the first call,
-        whose array the caller may overwrite afterwards.
-        """
-        known = self._leaves.pop(name, None)
-        if known is None:
-            known = self._leaves[name] = find(pos)
-            return known
-        own, both = len(known), alloc.grow(known, len(pos))
-        if both is None:
-            return np.concatenate([known, find(pos[own:])])
-        both[own:] = find(pos[own:])  # those of ghosts
-        return both
-
-    def leave(self, own: Array, needed: Array) -> None:
-        """Keep only the blocks `needed` (blocks,) in the results, with the `own` ones first."""
-        some = np.concatenate([np.flatnonzero(own), np.flatnonzero(needed & ~own)])
-        self._own_blocks = int(np.count_nonzero(own))
-        for name, each in self.found.items():
-            self.found[name] = _some(each, some) if isinstance(each, Merged) else each
-
-
-def _some(blocks: Merged, some: Array) -> Merged:
-    """Return the blocks `some`, and renumber blocks in their leaves in place."""
-    number = np.full(len(blocks.level) + 2, -1, np.int32)  # -1: of no block
-    number[some] = np.arange(len(some))
-    parallel_for(renumber, len(blocks.number), blocks.number, number, light=True)
-    return Merged(blocks.number, *(each[some] for each in blocks[1:]))
-
-
-class DividedDrag:
-    """Kick of a scheme, in place of `Scheme.relax`, and its time-step limit, in place of `Scheme.limit`."""
-
-    def __init__(self, drag: Drag, division: Division) -> None:
-        self.division, self.comm, self.drag, self.scheme = division, division.comm, drag, drag.scheme
+    def __init__(self, scene: Scene, star: tuple[float, float], division: Division) -> None:
+        super().__init__(scene, star)
+        self.division, self.comm, self.heating = division, division.comm, scene.drag.heating
         self.leaves = Leaves(self.comm)
 
-    def __call__(self, drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> None:
-        if self.scheme.members is None:
+    def _relax(self, state: State, dt: float, gas_vel: Array, heat: Array, prepared: Prepared | None) -> Kicked:
+        gas, dust = self._positions(state, gas_vel)
+        if self.scheme.layout is None:
             wides = self._everyone(state)
+            gas, dust = self._with_ghosts(self._complete(state, gas, dust), wides, gas._fields + dust._fields)
             with world.apart():
-                self._kick(drag, state, wides, dt, gas_vel, heat)
-            return
-        self.forget()
-        wides = self._hung_on(drag, state)
-        self._kick(drag, state, wides, dt, gas_vel, heat)
-        drag.agree = Known()  # frees arrays of leaves
+                return self._kick(state, gas, dust, wides, self._frame(state), dt, None, gas_vel, heat)
+        self.release()  # forces and ghosts need the memory
+        frame, rule = self._frame(state), self._rule(state)
+        layout, wides = self._ghosts(state, gas, dust, rule, frame)
+        reads = *self.scheme.reads, "per_grain", *(("acc",) if self.heating else ())
+        if self.classes.law.several:
+            reads += ("class_of",)
+        gas, dust = self._with_ghosts(self._complete(state, gas, dust), wides, reads)
+        leaves = [
+            _with_leaves_of_ghosts(leaf, pos, layout.leaf_of)
+            for leaf, pos in ((layout.gas_leaf, gas.pos), (layout.dust_leaf, dust.pos))
+        ]
+        assert self.scheme.build is not None
+        built = self.scheme.build(gas, dust, rule, Layout(*layout[:-2], *leaves))
+        return self._kick(state, gas, dust, wides, frame, dt, built, gas_vel, heat)
 
-    def forget(self) -> None:
-        """Free the arrays of the last kick, which its stopping times refer to: forces need the memory."""
-        self.drag.stopping_times = np.empty(0)
-        self.drag.buffers.clear()
+    def _kick(
+        self, state: State, gas: Gas, dust: Dust, wides: list[Any], frame: Frame, dt: float, built: Any, gas_vel: Array,
+        heat: Array,
+    ) -> Kicked:  # fmt: skip
+        """Kick local particles and ghosts, and return the results for local dust."""
+        warmed = np.zeros(len(gas.mass) if self.heating else 0)
+        kicked = self._call(gas, dust, frame, dt, built, warmed)
+        of_gas, of_dust = wides
+        of_gas.keep(gas_vel, gas.vel)
+        of_dust.keep(state.dust.vel, dust.vel)
+        if self.heating:
+            heat[:] = warmed[of_gas.own]
+        times = kicked.stopping_times
+        return Kicked(of_dust.own_among(kicked.uncoupled), lambda: (times() if callable(times) else times)[of_dust.own])
 
-    def limit(self, drag: Drag, state: State) -> float:
-        """Return the time-step limit of a scheme of pairs, that of all particles."""
+    def limit(self, state: Seen) -> float:
+        gas, dust, law, frame, work = self.arguments(state)
+        gas, dust = self._with_ghosts((gas, dust), self._everyone(state), gas._fields + dust._fields)
         assert self.scheme.limit is not None
-        both = self._both(state, self._everyone(state))
         with world.apart():
-            return self.scheme.limit(drag, both)
+            return self.scheme.limit(gas, dust, law, frame, work)
 
-    def _kick(self, drag: Drag, state: State, wides: dict[str, Any], dt: float, gas_vel: Array, heat: Array) -> None:
-        gas, dust = wides["gas"], wides["dust"]
-        if self.scheme.members is None:
-            both, vel = self._both(state, wides), gas.of(gas_vel)
-        else:
-            both = self._both_in_cells(drag, state, wides, gas_vel)
-            vel = both.gas.vel
-        classes, warmed = drag.classes, np.zeros(gas.count if drag.drag.heating else 0)
-        own = classes.of
-        if classes.several or self.scheme.members is None:
-            classes.of = dust.of(own)
-        self.scheme.relax(drag, both, dt, vel, warmed)
-        classes.of = own
-        gas.keep(gas_vel, vel)
-        dust.keep(state.dust.vel, both.dust.vel)
-        if drag.drag.heating:
-            heat[:] = warmed[gas.own]
-        drag.alone = dust.own_among(drag.alone)
-        times = drag.found_times
-        drag.stopping_times = lambda: (times() if callable(times) else times)[dust.own]
+    def _with_ghosts(self, both: tuple[Any, ...], wides: list[Any], reads: tuple[str, ...]) -> tuple[Any, ...]:
+        """Return gas and dust with ghosts in the arrays that a kick `reads`.
 
-    def _both(self, state: State, wides: dict[str, Any]) -> State:
-        """Return a state with all arrays of own particles and ghosts."""
-        there = self._there([*state.own_acc.values()])
-        own_acc = {
-            name: wides[name].of(acc) if some else acc[:0]
-            for (name, acc), some in zip(state.own_acc.items(), there, strict=True)
-        }
-        species: dict[str, Any] = {
-            name: type(p)(**{key: wides[name].of(array) for key, array in p.arrays().items() if key != "place"})
-            for name, p in state.species.items()
-        }
-        return replace(state, own_acc=own_acc, **species)
-
-    def _both_in_cells(self, drag: Drag, state: State, wides: dict[str, Any], gas_vel: Array) -> State:
-        """Return a state with the arrays of own particles and ghosts that the scheme reads.
-
-        The gas has the velocities `gas_vel`. The data of `about_grains` are fetched with those of the dust, and
-        stored as a collective result.
+        `acc` has entries in any case, which for ghosts may be uninitialised. Other arrays have no entries.
         """
-        reads = {*self.scheme.reads, *(("acc",) if drag.drag.heating else ())}
-        held = {name: p.arrays() for name, p in state.species.items()}
-        held["gas"]["vel"] = gas_vel
-        beside = {"own_acc gas": state.own_acc["gas"], "own_acc dust": state.own_acc["dust"]}
-        beside["about dust"] = about = about_grains(drag, state)
-        there = dict(zip(beside, self._there([*beside.values()]), strict=True))
-        found: dict[str, Any] = {}
-        own_acc = {}
-        for name, arrays in held.items():
-            sent = {key: array for key, array in arrays.items() if key in reads}
-            sent |= {key: beside[key] for key in beside if there[key] and key.endswith(name)}
-            both = dict(zip(sent, wides[name].of_all([*sent.values()]), strict=True))
-            own_acc[name] = both.pop(f"own_acc {name}", state.own_acc[name][:0])
-            about = both.pop(f"about {name}", about)
-            found[name] = _made(state.species[name], wides[name], both)
-        drag.agree(ABOUT_GRAINS, lambda: about)
-        return replace(state, own_acc=own_acc, **found)
+        named = [dict(zip(each._fields[:-3], each[:-3], strict=True)) for each in both]  # without order and number
+        lengths = np.array([len(array) for arrays in named for array in arrays.values()])
+        present = iter(self.comm.reduced(lengths, MPI.MAX) > 0)  # whether arrays have entries on any rank
+        found = []
+        for each, arrays, wide in zip(both, named, wides, strict=True):
+            sent = [name for name, there in zip(arrays, present, strict=False) if there and name in reads]
+            extended = {name: array[:0] for name, array in arrays.items()}
+            extended |= zip(sent, wide.of_all([arrays[name] for name in sent]), strict=True)
+            if "acc" not in reads:
+                extended["acc"] = wide.beside(each.acc)
+            order = wide.place, wide.loose, wide.local
+            found.append(type(each)(**extended, **dict(zip(each._fields[-3:], order, strict=True))))
+        return tuple(found)
 
-    def _there(self, arrays: list[Array]) -> list[bool]:
-        """Return for each array whether it has entries on any rank."""
-        return list(self.comm.reduced(np.array([len(array) for array in arrays]), MPI.MAX) > 0)
-
-    def _everyone(self, state: State) -> dict[str, Any]:
+    def _everyone(self, state: Seen) -> list[Any]:
         """Fetch all particles: a pair's exchange depends on other pairs, and through these on all ranks."""
-        return {name: world.together.everyone(p) for name, p in state.species.items()}
+        return [world.together.everyone(p) for p in state.species.values()]
 
-    def _hung_on(self, drag: Drag, state: State) -> dict[str, Any]:
-        """Fetch the particles of the blocks that own particles depend on."""
-        rings = self.scheme.rings + (HEAT if drag.drag.heating and self.scheme.rings >= 0 else 0)
+    def _ghosts(self, state: State, gas: Gas, dust: Dust, rule: CellRule, frame: Frame) -> tuple[Layout, list[Any]]:
+        """Fetch the particles of the blocks that local particles depend on, and return the layout of these blocks."""
+        rings = self.scheme.rings + (HEAT if self.heating and self.scheme.rings >= 0 else 0)
+        assert self.scheme.layout is not None
         while True:
-            agreement = drag.agree = Agreement(self.leaves)
-            lattice, blocks, *leaves = self.scheme.members(drag, state)
+            layout: Layout = self.scheme.layout(gas, dust, rule, frame, self.leaves)
+            lattice, blocks, leaves = layout.lattice, layout.merged, (layout.gas_leaf, layout.dust_leaf)
             blocks.number[-1] = len(blocks.level)  # for particles outside
             own = np.zeros(len(blocks.level), bool)
-            held = agreement.held(lattice, leaves)
+            held = self.leaves.held(lattice, leaves)
             parallel_for(mark_held, len(held), held, blocks.number, own, light=True)
             # Nodes are of one level: a block depends on others of its own side, up to `rings` + 2 away.
             widest = int(blocks.level[own].max(initial=0))
             away = -(-(rings + 2 << widest) // MOST) if rings >= 0 else 0
             if self.leaves.suffices(world.together.most(away)):
                 break
-        needed = own if rings < 0 else _needed(blocks, lattice, own, away, rings, drag.dim == 1)
+        needed = own if rings < 0 else _needed(blocks, lattice, own, away, rings, self.dim == 1)
         asked = asked_of(self.comm, Needed(np.append(needed, False), *numbers_of(blocks, lattice)))
         near = _largest_with(blocks, lattice, np.diff(asked.number[:-1]) > 0)[0]
-        wides = {
-            name: in_cells(self.comm, p, leaf, asked, blocks.number, self._batches(p.pos, lattice, near))
-            for (name, p), leaf in zip(state.species.items(), leaves, strict=True)
-        }
-        agreement.own_grains = wides["dust"].own
-        agreement.leave(own, needed)
-        return wides
+        wides = [
+            in_cells(self.comm, p, leaf, asked, blocks.number, self._batches(pos, lattice, near))
+            for p, pos, leaf in zip(state.species.values(), (gas.pos, dust.pos), leaves, strict=True)
+        ]
+        return only_needed(layout, own, needed), wides
 
     def _batches(self, pos: Array, lattice: Lattice, marked: Array) -> Array:
         """Return the batches of positions of which any may be in largest blocks that are `marked` (x, y)."""
-        bounds, along = self.division.bounds(pos), np.array([1.0, self.drag.dim - 1.0])  # 0 in one dimension
+        bounds, along = self.division.bounds(pos), np.array([1.0, self.dim - 1.0])  # 0 in one dimension
         part = *map(float, lattice.first), *(lattice.periodic * along * lattice.whole).tolist()
         given = bounds, along * lattice.origin, lattice.side, part, MOST, marked
         return joined(parallel_for(batches_near, len(bounds), *given, least=LEAST))
@@ -277,15 +188,20 @@ def numbers_of(blocks: Merged, lattice: Lattice) -> tuple[Array, Array]:
     return begin, end
 
 
-def _made(particles: Any, wide: Any, both: dict[str, Array]) -> Any:
-    """Return particles with the arrays of own particles and ghosts in `both`; other required arrays have no entries.
+def only_needed(layout: Layout, own: Array, needed: Array) -> Layout:
+    """Return a layout of the blocks `needed` (blocks,) alone, with the `own` ones first. Changes `merged.number`."""
+    some, blocks = np.concatenate([np.flatnonzero(own), np.flatnonzero(needed & ~own)]), layout.merged
+    number = np.full(len(blocks.level) + 2, -1, np.int32)  # -1: of no block
+    number[some] = np.arange(len(some))
+    parallel_for(renumber, len(blocks.number), blocks.number, number, light=True)
+    merged = Merged(blocks.number, *(each[some] for each in blocks[1:]))
+    return layout._replace(merged=merged, own=int(np.count_nonzero(own)))
 
-    `acc` is an exception: it has own entries, and uninitialised ones of ghosts.
-    """
-    arrays = both if "acc" in both else both | {"acc": wide.beside(particles.acc)}
-    for each in fields(particles):
-        if each.default is MISSING:
-            arrays.setdefault(each.name, getattr(particles, each.name)[:0])
-    made = type(particles)(place=wide.place, **arrays)
-    made.loose = wide.loose
-    return made
+
+def _with_leaves_of_ghosts(leaf: Array, pos: Array, leaf_of: Callable[[Array], Array]) -> Array:
+    """Return the leaves of local particles, `leaf`, and of the ghosts behind them in `pos` (n, d)."""
+    local, both = len(leaf), alloc.grow(leaf, len(pos))
+    if both is None:
+        return np.concatenate([leaf, leaf_of(pos[local:])])
+    both[local:] = leaf_of(pos[local:])
+    return both

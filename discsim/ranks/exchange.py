@@ -13,7 +13,6 @@ from discsim.kernels.mpi.tiles import take_spans
 from discsim.numerics.alloc import grow
 from discsim.numerics.batches import LEAST
 from discsim.numerics.sorting import counting_sort
-from discsim.numerics.state import Particles
 from discsim.numerics.threads import parallel_for
 from discsim.numerics.world import Needed
 from discsim.ranks.comm import Comm, Route
@@ -44,13 +43,17 @@ class Wide:
         self.count = self._held + route.count
         self._own_place = particles.place
         self._place: Array | None = None
-        self._own_loose = particles.loose if isinstance(particles, Particles) else None
-        if isinstance(particles, Particles) and not lasting:
+        self._own_loose = getattr(particles, "loose", None)  # there are none of points that are not particles
+        if hasattr(particles, "spare") and not lasting:
             particles.spare = max(particles.spare, route.count + route.count // SPARE)
 
     @property
     def own(self) -> slice:
         return slice(0, self._held)
+
+    @property
+    def local(self) -> int:
+        return self._held
 
     @property
     def loose(self) -> Array:
@@ -101,7 +104,7 @@ class Wide:
 class Ordered:
     """`world.Joined` on several ranks: arrays in the global order. own (n,): rows of own particles in them."""
 
-    place = None
+    place, loose = None, np.empty(0, np.int64)
 
     def __init__(self, wide: Wide) -> None:
         self._wide = wide
@@ -118,12 +121,17 @@ class Ordered:
     def count(self) -> int:
         return len(self._order)
 
+    local = count  # each rank has all particles
+
     def own_among(self, some: Array) -> Array:
         """Return the rows of own arrays that are among the rows `some`, as `Wide.own_among`."""
         return self._wide.own_among(self._order[some])
 
     def of(self, array: Array) -> Array:
         return self.sorted(self._wide.of(array))
+
+    def of_all(self, arrays: list[Array]) -> list[Array]:
+        return [self.sorted(both) for both in self._wide.of_all(arrays)]
 
     def sorted(self, both: Array) -> Array:
         """Return an array of own particles and then ghosts, in the global order."""

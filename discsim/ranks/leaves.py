@@ -7,18 +7,18 @@ those about them that blocks of its own may depend on.
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d
 
-from discsim.drag.cells import Lattice
+from discsim.drag.cells import Lattice, OneRank
 from discsim.kernels.drag.blocks import MOST
 from discsim.kernels.mpi.halo import add_blocks, cut_blocks, mark_leaves
 from discsim.numerics import world
 from discsim.numerics.neighbours import corners
-from discsim.numerics.state import Particles
 from discsim.numerics.threads import parallel_for
 from discsim.numerics.world import Needed
 from discsim.ranks.comm import Comm
@@ -28,11 +28,12 @@ Array = np.ndarray
 LEAST = 4  # columns of largest blocks in a chunk of a loop
 
 
-class Leaves:
+class Leaves(OneRank):
     """Parts of lattices. reach: number of largest blocks about its own that a rank has."""
 
     def __init__(self, comm: Comm) -> None:
         self.comm, self.reach = comm, 0
+        self._held: Array | None = None  # leaves of the last part that hold own particles
         self._wanted = deque[int](maxlen=REMEMBERED)
 
     def suffices(self, wanted: int) -> bool:
@@ -45,9 +46,9 @@ class Leaves:
         self.reach = max(self._wanted)
         return enough
 
-    def part_of(self, lattice: Lattice, shift: Array, species: Sequence[Particles]) -> Lattice:
-        """Return the part of a lattice near own particles, as `Known.part_of`."""
-        held = [world.together.corners(p.pos, corners) for p in species if p.count > 0] or [(np.zeros(2), np.zeros(2))]
+    def part_of(self, lattice: Lattice, shift: Array, positions: Sequence[Array]) -> Lattice:
+        self._held, some = None, [pos for pos in positions if len(pos) > 0]
+        held = [world.together.corners(pos, corners) for pos in some] or [(np.zeros(2), np.zeros(2))]
         low, high = np.min([low for low, _ in held], axis=0), np.max([high for _, high in held], axis=0)
         ends = np.floor((np.stack([low, high]) - lattice.origin) / lattice.side + shift)
         ends = np.where(np.isfinite(ends), ends, 0.0) + np.array([[-1.0], [1.0]])  # with a margin for rounding
@@ -69,11 +70,8 @@ class Leaves:
         begin, end = (min(max(each, 0), last) for each in (begin, end))
         return begin * MOST, min((end + 1) * MOST, count) - begin * MOST
 
-    def summed(self, lattice: Lattice, *held: Array) -> tuple[list[Array], Array]:
-        """Return the sums over ranks in each largest block within reach of one with own particles, as `Known.summed`.
-
-        A second result is which leaves (leaves,) hold own particles.
-        """
+    def summed(self, lattice: Lattice, *held: Array) -> Sequence[Array]:
+        """Return the sums over ranks in each largest block within reach of one with own particles."""
         tables = [array[:-1].reshape(lattice.shape) for array in held]
         x, y = (np.arange(0, n, MOST) for n in lattice.shape)
         own, leaves = np.zeros((len(x), len(y)), bool), np.empty(lattice.shape, bool)
@@ -91,7 +89,20 @@ class Leaves:
         found = route.pass_on(rows)
         for k, table in enumerate(tables):
             add_blocks(places, found, k, table)
-        return [*held], leaves.ravel()
+        self._held = leaves.ravel()
+        return held
+
+    def held(self, lattice: Lattice, leaves: Sequence[Array]) -> Array:
+        """Return which leaves of a part hold own particles, also if `summed` was not called.
+
+        `leaves` has the leaf of each own particle, by species.
+        """
+        if self._held is not None:
+            return self._held
+        held = np.zeros(math.prod(lattice.shape) + 1, bool)
+        for leaf in leaves:
+            held[leaf] = True
+        return held[:-1]
 
 
 def _reach(lattice: Lattice, axis: int, away: int) -> int:

@@ -12,14 +12,16 @@ def prescribed(monkeypatch):
     star: -(1/Sigma) dP/dr = (p + q) c_s^2 / r, without SPH's noise.
     """
 
-    def accelerate(self, state):
-        gas, start = state.gas, self.scene.initial
+    def accelerate(self, view):
+        gas, start = view.gas, self.scene.initial
         gas.density[:], gas.sound_speed[:] = 1.0, 1.0
         if self.scene.star is not None:
             r = np.sqrt((gas.pos**2).sum(axis=1))
             gas.density[:] = start.mass / (2 * np.pi * (start.outer - start.inner) * r)
             gas.sound_speed[:] = 0.05 / np.sqrt(r)
-            gas.acc += (2 * 0.05**2 / r**3)[:, None] * gas.pos
+            acc = gas.acc_unshared
+            acc += (2 * 0.05**2 / r**3)[:, None] * gas.pos
         gas.h[:] = self.scene.gas.eta * np.sqrt(gas.mass / gas.density)
+        return np.inf
 
     monkeypatch.setattr(gas_effect.Effect, "accelerate", accelerate)

@@ -106,7 +106,7 @@ def test_a_class_stops_in_the_mean_time_of_its_mass(scheme):
     sim._prepare()
     drag = sim.effects["drag"]
     sim.operators.kick(0.07)
-    assert drag.classes.number == 1
+    assert drag.engine.classes.number == 1
     # An even lattice has equal parts of both in each cell; nodes see them to the second moment of a spacing.
     np.testing.assert_allclose(sim.dust.vel, np.exp(-0.07 / (0.75 * 0.1 + 0.25 * 0.13)), rtol=2e-4)
 
@@ -148,7 +148,7 @@ def test_grains_that_weigh_nothing_change_nothing(number):
 def test_classes_are_few_however_wide_the_sizes():
     sim = box(grains({"smallest": 1e-9, "largest": 1e3}))
     sim.step(0.0025)
-    classes = sim.effects["drag"].classes
+    classes = sim.effects["drag"].engine.classes
     assert classes.number <= 32
     np.testing.assert_allclose(classes.grains[classes.of, VALUE] * classes.relative, sim.dust.size, rtol=1e-12)
     assert np.isfinite(sim.dust.vel).all()

@@ -25,20 +25,19 @@ du/dt = (V - u) / t_stop
 
 import numpy as np
 
-from discsim.drag.base import NO_CELLS, NO_KERNEL, OWN_INTEGRATION, Scheme
+from discsim.drag.base import NO_CELLS, NO_KERNEL, OWN_INTEGRATION, Kicked, Scheme
 
 
-def relax(drag, state, dt, gas_vel, heat):
-    gas, dust = state.gas, state.dust
-    gas_vel += dt * gas.acc
-    dust.vel += dt * dust.acc
-    time = float(drag.law.stopping_time(0, gas.density[:1], gas.sound_speed[:1], np.zeros(1), 1.0)[0])
-    mean, grains = np.average(gas_vel, 0, gas.mass), np.average(dust.vel, 0, dust.mass)
+def kick(gas, dust, law, frame, dt, cells, work):
+    gas.vel[:] += dt * gas.acc
+    dust.vel[:] += dt * dust.acc
+    time = float(law.stopping_time(0, gas.density[:1], gas.thermal_speed[:1], np.zeros(1), 1.0)[0])
+    mean, grains = np.average(gas.vel, 0, gas.mass), np.average(dust.vel, 0, dust.mass)
     loaded = dust.mass.sum() / gas.mass.sum()
     lost = (grains - mean) * -np.expm1(-(1.0 + loaded) * dt / time) / (1.0 + loaded)
-    dust.vel -= lost
-    gas_vel += loaded * lost
-    drag.stopping_times = np.full(dust.count, time)
+    dust.vel[:] -= lost
+    gas.vel[:] += loaded * lost
+    return Kicked(np.arange(0), np.full(len(dust.mass), time))
 
 
 def no_star(draft):
@@ -47,7 +46,7 @@ def no_star(draft):
 
 
 UNUSED = NO_CELLS | NO_KERNEL | OWN_INTEGRATION
-SCHEME = Scheme(relax, limit=lambda drag, state: 0.3, conserves=False, damps=True, unused=UNUSED, nanoseconds=1e6,
+SCHEME = Scheme(kick, limit=lambda *given: 0.3, conserves=False, damps=True, unused=UNUSED, nanoseconds=1e6,
                 rules=(no_star,))
 '''
 LAW = """

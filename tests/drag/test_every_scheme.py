@@ -103,9 +103,9 @@ def test_what_kept_arrays_hold_from_the_kick_before_does_not_matter(dimensions, 
         drag = sim.effects["drag"]
         for _ in range(3):
             sim.step()
-            assert drag.buffers
+            assert drag.engine.buffers
             times = drag.stopping_times.copy()
-            for kept in drag.buffers.values():
+            for kept in drag.engine.buffers.values():
                 kept[:] = left
         assert_sane(sim)
         ends.append(np.concatenate([sim.gas.vel, sim.dust.vel, times[:, None]], axis=None))

@@ -152,12 +152,12 @@ def test_the_frame_looks_at_the_same_particles_wherever_they_are(monkeypatch):
     for _ in range(18):  # sorted after the 1st and the 17th
         sim.step()
         for name, p in sim.state.species.items():
-            _, power, rows, _ = sim.effects["drag"].samples[name]
+            _, power, rows, _ = sim.effects["drag"].engine.samples[name]
             every = 1 << max(0, -(-p.count // 100) - 1).bit_length()
             assert power == every and p.ids[rows].tolist() == p.ids[p.ids % every == 0].tolist()
     assert sim.dust.count < 2000 and sim.dust.ids[:20].tolist() != first
     for looked_at in (False, True):
-        before, seen = len(searches), sim.dust.ids % sim.effects["drag"].samples["dust"][1] == 0
+        before, seen = len(searches), sim.dust.ids % sim.effects["drag"].engine.samples["dust"][1] == 0
         sim.dust.remove(np.flatnonzero(seen[:-1] == looked_at)[:1])
         sim.step()
         assert len(searches) - before == looked_at

@@ -29,7 +29,7 @@ every_pair = pytest.mark.parametrize("scheme", BETWEEN_PAIRS)
 def test_pairs_are_all_within_the_support_of_the_gas(dimensions, boundary):
     """Against every distance between 500 and 400 particles, through the edges of a periodic box."""
     sim, _ = kicked("lab14", given=cloud(dimensions, boundary=boundary), boundary=boundary)
-    found = pair_up(sim.effects["drag"], sim.state, whole=True)
+    found = pair_up(*sim.effects["drag"].engine.arguments(sim.state), whole=True)
     assert len(found) == 2
     for pairs in found:
         away = pairs.cloud.pos[:, None] - sim.gas.pos[None]

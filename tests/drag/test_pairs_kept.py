@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from drags import BETWEEN_PAIRS, INTERPOLATING, OF_PARTICLES
 from numba.core.codegen import get_host_cpu_features
+from operating import longest_step_of
 from pairs import both, cloud, kicked, momentum, motion, scene, spin
 
 from discsim import Simulation
@@ -225,7 +226,7 @@ def test_only_explicit_two_way_drag_limits_the_step(scheme, direction):
     drag = {"law": "stopping-time", "t_stop": 0.01, "scheme": scheme, "direction": direction}
     sim = Simulation(scene(drag, ratio=2.0, initial={"kind": "box"}))
     sim._prepare()
-    limit = sim.effects["drag"].limit(sim.state)
+    limit = longest_step_of(sim, "drag")
     if scheme in ("mk", "esph") and direction == "two-way":
         # The density of a lattice whose h is no whole number of spacings is right to 2%.
         assert limit == pytest.approx(0.005, rel=0.02)
@@ -237,7 +238,7 @@ def test_only_explicit_two_way_drag_limits_the_step(scheme, direction):
 def test_explicit_steps_are_stable_up_to_the_limit(scheme):
     """Random velocities die away at the whole limit; in a box, eps = 1, a slip grows at twice and a half of it."""
     sim, _ = kicked(scheme)
-    limit, before = sim.effects["drag"].limit(sim.state), motion(sim)
+    limit, before = longest_step_of(sim, "drag"), motion(sim)
     for _ in range(30):
         sim.operators.kick(limit)
         assert motion(sim) < before
@@ -245,7 +246,7 @@ def test_explicit_steps_are_stable_up_to_the_limit(scheme):
     box = {"kind": "box", "gas_velocity": 1.0, "dust_velocity": -1.0}
     sim = Simulation(scene({"law": "stopping-time", "t_stop": 0.1, "scheme": scheme}, initial=box))
     sim._prepare()
-    sim.operators.kick(2.5 * sim.effects["drag"].limit(sim.state))
+    sim.operators.kick(2.5 * longest_step_of(sim, "drag"))
     assert motion(sim) > 2.0
 
 
@@ -258,7 +259,7 @@ def test_the_longest_step_of_mk_swaps_a_pair(dimensions):
     law = {"law": "stopping-time", "t_stop": 0.1, "scheme": "mk"}
     sim = Simulation(scene(law, 1, 1, dimensions=dimensions, boundary="open"), particles=given)
     sim._prepare()
-    sim.operators.kick(sim.effects["drag"].limit(sim.state))
+    sim.operators.kick(longest_step_of(sim, "drag"))
     # But for what keeps r r / (r^2 + .001 h^2) finite, .6% of it at h = 1/8.
     assert sim.dust.vel[0, 0] - sim.gas.vel[0, 0] == pytest.approx(-1.0, abs=0.02)
 

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from discsim import Simulation, load_scene
-from discsim.drag import cells, nodes
 from discsim.drag.width import Width, drift_error, in_lengths
 from discsim.exact import nsh
 from discsim.preview.accuracy import accuracy
@@ -37,18 +36,12 @@ def ring(particles, stokes=0.01, gas=C4, aspect=0.08, inner=1.0, outer=3.1, rati
     }  # fmt: skip
 
 
-def sides_about(sim, radius, scheme="tsc"):
+def sides_about(sim, radius):
     """Sides of the blocks of gas within .15 of a radius."""
-    drag = sim.effects["drag"]
-    drag.discard()
-    if scheme == "tsc":
-        blocks = nodes.places(drag, sim.state).blocks
-    else:
-        blocks, _ = cells.blocks_of(drag, sim.state, linear=True)
-    side = blocks.squares()[1]
-    of_block = np.repeat(np.arange(len(side)), np.diff(blocks.gas_start[: len(side) + 1]))
-    r = np.sqrt((sim.gas.pos[blocks.gas_order[: len(of_block)]] ** 2).sum(axis=1))
-    return side[of_block[np.abs(r - radius) < 0.15]]
+    layout = sim.effects["drag"].engine.layout(sim.state)
+    side = layout.lattice.side * 2.0**layout.merged.level
+    near = np.abs(np.sqrt((sim.gas.pos**2).sum(axis=1)) - radius) < 0.15
+    return side[layout.merged.number[layout.gas_leaf[near]]]
 
 
 @pytest.mark.parametrize(

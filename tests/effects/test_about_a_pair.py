@@ -79,7 +79,7 @@ def test_a_star_that_grows_speeds_up_orbits_and_heats_nothing():
     away = np.hypot(*sim.dust.pos.T)
     about = np.sqrt(start[1] / (away**2 + SOFT**2) ** 1.5)
     np.testing.assert_allclose(stokes["stokes"], stokes["stopping_time"] * about, rtol=1e-12)
-    assert sim.effects["drag"].star == (state.central_mass, SOFT)
+    assert sim.effects["drag"].engine.star == (state.central_mass, SOFT)
     before = gas.vel.copy()
     sim.effects["damping"].operate(state, 1e6)
     inside = r < 1.45

@@ -1,6 +1,6 @@
 """Operators of a simulation: replaced, and what they say of an effect."""
 
-from discsim.numerics.operators import Slot
+from discsim.numerics.operators import Slot, least_step, limits
 
 FORCES = (Slot.FORCE, Slot.DRIFT_FORCE)
 
@@ -23,7 +23,10 @@ def accelerated(effect, state):
 
 def limits_of(sim, name):
     """Limits of an effect by the last forces of a simulation, by species."""
-    from discsim.numerics.operators import accelerate, limits
-
     effect = sim.effects[name]
-    return limits(effect, sim.state, accelerate(effect, sim.state))
+    return limits(effect, sim.state, sim.state.results)
+
+
+def longest_step_of(sim, name):
+    """Longest step that an effect allows, by the last forces of a simulation."""
+    return least_step(limits_of(sim, name), sim.state.unnoticed)

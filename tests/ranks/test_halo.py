@@ -36,7 +36,7 @@ from discsim.numerics.neighbours import sort_into_cells
 from discsim.numerics.state import Particles
 from discsim.ranks.comm import by_rank
 from discsim.ranks.division import Division
-from discsim.ranks.drag import Agreement, _needed, numbers_of
+from discsim.ranks.drag import _needed, _with_leaves_of_ghosts, numbers_of
 from discsim.ranks.gravity import _in_order
 from discsim.ranks.leaves import Leaves
 from discsim.ranks.windows import Windows, joined, no_nodes
@@ -127,32 +127,28 @@ def test_cells_that_reach_others_are_not_alone(periodic):
 
 
 def test_own_leaves_are_known_whether_or_not_a_scheme_has_summed_them():
-    lattice, pos = SimpleNamespace(shape=(4, 5)), np.zeros((7, 2))
-    leaves, held = [np.array([3, 20, 7]), np.array([7, 0])], np.isin(np.arange(20), [0, 3, 7])  # 20: outside
-    alone = Agreement(None)
-    np.testing.assert_array_equal(alone.held(lattice, leaves), held)
-    summed = Agreement(SimpleNamespace(summed=lambda lattice, *tables: ([*tables], ~held)))
-    summed.summed(lattice, pos)
-    np.testing.assert_array_equal(summed.held(lattice, leaves), ~held)
+    lattice, own, held = SimpleNamespace(shape=(4, 5)), Leaves(None), np.isin(np.arange(20), [0, 3, 7])
+    leaves = [np.array([3, 20, 7]), np.array([7, 0])]  # 20: outside
+    np.testing.assert_array_equal(own.held(lattice, leaves), held)
+    own._held = ~held  # as `summed` leaves it
+    np.testing.assert_array_equal(own.held(lattice, leaves), ~held)
 
 
 @pytest.mark.parametrize("spare", [0, 4])
 def test_leaves_of_ghosts_come_behind_own_ones(spare):
-    """In their memory where this has room; who asks once more has all found anew, as those may be overwritten."""
-    pos, asked, agreement = np.arange(9.0).reshape(9, 1), [], Agreement(None)
+    """In their memory where this has room."""
+    pos, asked = np.arange(9.0).reshape(9, 1), []
 
-    def find(places):
-        asked.append(len(places))
-        out = alloc.allocate(len(places), np.empty(0, np.uint32), spare)
-        out[:] = places[:, 0]
+    def find(positions):
+        asked.append(len(positions))
+        out = alloc.allocate(len(positions), np.empty(0, np.uint32), spare)
+        out[:] = positions[:, 0]
         return out
 
-    own = agreement.leaves("gas", pos[:5], find)
-    both = agreement.leaves("gas", pos, find)
-    assert own.tolist() == [0, 1, 2, 3, 4] and both.tolist() == [*range(9)]
+    own = find(pos[:5])
+    both = _with_leaves_of_ghosts(own, pos, find)
+    assert own.tolist() == [0, 1, 2, 3, 4] and both.tolist() == [*range(9)] and asked == [5, 4]
     assert np.shares_memory(own, both) == (spare > 0)
-    both[:] = 99
-    assert agreement.leaves("gas", pos, find).tolist() == [*range(9)] and asked == [5, 4, 9]
 
 
 def test_rows_by_rank_keep_their_order():

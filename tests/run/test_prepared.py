@@ -11,7 +11,7 @@ from discsim.parts import SCHEMES
 from discsim.run import forces
 from discsim.run.simulation import PhysicsError
 
-BLOCKS = [name for name, scheme in SCHEMES.items() if scheme.places is not None]
+BLOCKS = [name for name, scheme in SCHEMES.items() if scheme.build is not None]
 
 
 def unprepared(monkeypatch):
@@ -27,14 +27,14 @@ def test_who_relaxes_in_blocks_prepares_them():
 def test_a_kick_takes_what_was_prepared_for_it(tmp_path, four_cores, scheme):
     sim = Simulation(scene_of(tmp_path, DISC, f"drag.scheme={scheme}"))
     sim.evolve(0.1)
-    effect, first, made = sim.effects["drag"], sim.state.step, []
-    places = effect.scheme.places
+    engine, first, made = sim.effects["drag"].engine, sim.state.step, []
+    build = engine.scheme.build
 
     def noted(*given):
         made.append(sim.state.step)
-        return places(*given)
+        return build(*given)
 
-    effect.scheme = replace(effect.scheme, places=noted)
+    engine.scheme = replace(engine.scheme, build=noted)
     sim.evolve(0.8)
     # Once a step, beside its forces; for the first kick anew, as somebody had the arrays.
     assert sim.state.step > first + 5

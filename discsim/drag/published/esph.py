@@ -11,32 +11,33 @@ must not limit the gas.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discsim.drag.base import NO_CELLS, NO_KERNEL, OWN_INTEGRATION, Array, Scheme
+from discsim.drag.base import NO_CELLS, NO_KERNEL, OWN_INTEGRATION, Dust, Gas, Kicked, Law, Scheme, Work
 from discsim.parts import Lazy
 
 if TYPE_CHECKING:
-    from discsim.effects.drag import Effect as Drag
-    from discsim.numerics.state import State
+    from discsim.kernels.drag.frame import Frame
 
-interpolation, pairs = Lazy("discsim.drag.published.interpolation"), Lazy("discsim.drag.published.pairs")
+interpolation, between = Lazy("discsim.drag.published.interpolation"), Lazy("discsim.drag.published.pairs")
 
 
-def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> None:
-    found = pairs.pair_up(drag, state, whole=True)
-    steps = pairs.short_steps(drag, dt, 0.0 if drag.two_way else interpolation.fastest(drag, state, found))
+def kick(gas: Gas, dust: Dust, law: Law, frame: Frame, dt: float, cells: Any, work: Work) -> Kicked:
+    pairs = between.pair_up(gas, dust, law, frame, work, whole=True)
+    steps = between.short_steps("esph", law, dt, 0.0 if law.two_way else interpolation.fastest(gas, dust, law, pairs))
     for _ in range(steps):
-        interpolation.follow(drag, state, found, dt / steps, gas_vel, heat, implicit=False)
+        kicked = interpolation.follow(gas, dust, law, pairs, dt / steps, work.heat, implicit=False)
+    return kicked
 
 
-def limit(drag: Drag, state: State) -> float:
+def limit(gas: Gas, dust: Dust, law: Law, frame: Frame, work: Work) -> float:
+    pairs = between.pair_up(gas, dust, law, frame, work, whole=True)
     with np.errstate(divide="ignore"):
-        return 1.0 / np.float64(interpolation.fastest(drag, state, pairs.pair_up(drag, state, whole=True)))
+        return 1.0 / np.float64(interpolation.fastest(gas, dust, law, pairs))
 
 
 UNUSED = NO_CELLS | NO_KERNEL | OWN_INTEGRATION
 # Damping is too strong where h > c_s t_stop: Laibe & Price (2012), sec. 4.
-SCHEME = Scheme(relax, limit=limit, conserves=False, damps=True, unused=UNUSED)
+SCHEME = Scheme(kick, limit=limit, conserves=False, damps=True, unused=UNUSED)

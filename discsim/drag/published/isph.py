@@ -10,22 +10,22 @@ swaps the velocities of gas and dust at eps = 1, and damps waves, by about (k h)
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from discsim.drag.base import NO_CELLS, NO_KERNEL, OWN_INTEGRATION, Array, Scheme
+from discsim.drag.base import NO_CELLS, NO_KERNEL, OWN_INTEGRATION, Dust, Gas, Kicked, Law, Scheme, Work
 from discsim.parts import Lazy
 
 if TYPE_CHECKING:
-    from discsim.effects.drag import Effect as Drag
-    from discsim.numerics.state import State
+    from discsim.kernels.drag.frame import Frame
 
-interpolation, pairs = Lazy("discsim.drag.published.interpolation"), Lazy("discsim.drag.published.pairs")
+interpolation, between = Lazy("discsim.drag.published.interpolation"), Lazy("discsim.drag.published.pairs")
 
 
-def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> None:
-    interpolation.follow(drag, state, pairs.pair_up(drag, state, whole=True), dt, gas_vel, heat, implicit=True)
+def kick(gas: Gas, dust: Dust, law: Law, frame: Frame, dt: float, cells: Any, work: Work) -> Kicked:
+    pairs = between.pair_up(gas, dust, law, frame, work, whole=True)
+    return interpolation.follow(gas, dust, law, pairs, dt, work.heat, implicit=True)
 
 
 UNUSED = NO_CELLS | NO_KERNEL | OWN_INTEGRATION
 # Damping is too strong where h > c_s t_stop: Laibe & Price (2012), sec. 4.
-SCHEME = Scheme(relax, conserves=False, damps=True, unused=UNUSED)
+SCHEME = Scheme(kick, conserves=False, damps=True, unused=UNUSED)

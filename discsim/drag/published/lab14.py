@@ -26,20 +26,19 @@ scaled, the coupling of gas and dust is weaker than it should be.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discsim.drag.base import NO_CELLS, Array, Scheme
+from discsim.drag.base import NO_CELLS, Array, Dust, Gas, Kicked, Law, Scheme, Work
 from discsim.numerics.threads import parallel_for
 from discsim.parts import Lazy
 
 if TYPE_CHECKING:
     from discsim.drag.cloud import Cloud
     from discsim.drag.published.pairs import Pairs
-    from discsim.effects.drag import Effect as Drag
+    from discsim.kernels.drag.frame import Frame
     from discsim.numerics.sph import Sph
-    from discsim.numerics.state import Gas, State
 
     Slopes = Callable[[Sph, Gas | Cloud, Array], Array]
 
@@ -49,18 +48,16 @@ FLAT = np.empty((0, 0, 0))
 IN_TURN = np.empty(0, np.uint32)  # stands for the order of the pairs by dust particle
 
 
-def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> None:
-    relax_each_pair(drag, state, dt, gas_vel, heat, lambda sph, points, vel: FLAT)
+def kick(gas: Gas, dust: Dust, law: Law, frame: Frame, dt: float, cells: Any, work: Work) -> Kicked:
+    return relax_each_pair(gas, dust, law, frame, dt, work, lambda sph, points, vel: FLAT)
 
 
-def relax_each_pair(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array, slopes: Slopes) -> None:
+def relax_each_pair(gas: Gas, dust: Dust, law: Law, frame: Frame, dt: float, work: Work, slopes: Slopes) -> Kicked:
     """Relax the slip of each pair, taken at a common point.
 
     slopes(sph, points, vel): velocity slopes (n, d, d) of a species, which take its velocities there, or no entries.
     """
-    gas = state.gas
-    found = between.pair_up(drag, state, whole=True, hump=drag.drag.kernel == "double-hump")
-    between.note_times(drag, state.dust, found)
+    found = between.pair_up(gas, dust, law, frame, work, whole=True)
 
     def impulse(pairs: Pairs, vel: Array, gas_seen: Array, pushed: Array) -> None:
         cloud = pairs.cloud
@@ -69,22 +66,23 @@ def relax_each_pair(drag: Drag, state: State, dt: float, gas_vel: Array, heat: A
         parallel_for(
             kernels.push_by_relaxing, cloud.count,
             kernels.Couples(pairs.start, pairs.gas, pairs.part, pairs.time), pairs.offset,
-            kernels.Side(gas.mass, gas.density, gas_seen), state.own_acc["gas"], gas_slope,
-            kernels.Side(cloud.mass, cloud.density, vel), cloud.own, slope,
-            drag.two_way, dt, drag.exponential, pull, pushed,
+            kernels.Side(gas.mass, gas.density, gas_seen), gas.acc_unshared, gas_slope,
+            kernels.Side(cloud.mass, cloud.density, vel), cloud.acc_unshared, slope,
+            law.two_way, dt, law.exponential, pull, pushed,
         )  # fmt: skip
-        if drag.two_way:
-            hold_back(pairs, gas, pull, pushed)
+        if law.two_way:
+            limit_impulses(pairs, gas, pull, pushed)
 
-    between.exchange(drag, state, found, dt, gas_vel, heat, impulse, at_once=False)
+    between.exchange(gas, dust, law, found, dt, work.heat, impulse, at_once=False)
+    return between.times_in(dust, found)
 
 
-def hold_back(pairs: Pairs, gas: Gas, pull: Array, pushed: Array) -> None:
+def limit_impulses(pairs: Pairs, gas: Gas, pull: Array, pushed: Array) -> None:
     """Scale the impulses of pairs in place, eq. (1); `pull` (pairs,) is their c."""
-    cloud = pairs.cloud
-    one, other = np.empty(cloud.count), np.empty(gas.count)
-    both, gas_both = np.empty(cloud.count), np.empty(gas.count)
-    of_dust, of_gas = (cloud.count, pairs.start, IN_TURN), (gas.count, pairs.begin, pairs.by_gas)
+    cloud, count = pairs.cloud, len(gas.mass)
+    one, other = np.empty(cloud.count), np.empty(count)
+    both, gas_both = np.empty(cloud.count), np.empty(count)
+    of_dust, of_gas = (cloud.count, pairs.start, IN_TURN), (count, pairs.begin, pairs.by_gas)
     parallel_for(kernels.shares, *of_dust, pairs.offset, pull, cloud.mass, one)
     parallel_for(kernels.shares, *of_gas, pairs.offset, pull, gas.mass, other)
     parallel_for(kernels.most_shares, *of_dust, pairs.gas, one, other, both)
@@ -93,4 +91,4 @@ def hold_back(pairs: Pairs, gas: Gas, pull: Array, pushed: Array) -> None:
 
 
 # Damping is too strong where h > c_s t_stop: Laibe & Price (2012), sec. 4.
-SCHEME = Scheme(relax, damps=True, unused=NO_CELLS)
+SCHEME = Scheme(kick, damps=True, unused=NO_CELLS)

@@ -12,26 +12,24 @@ limit the gas.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discsim.drag.base import NO_CELLS, OWN_INTEGRATION, Array, Scheme
+from discsim.drag.base import NO_CELLS, OWN_INTEGRATION, Array, Dust, Gas, Kicked, Law, Scheme, Work
 from discsim.numerics.threads import parallel_for
 from discsim.parts import Lazy
 
 if TYPE_CHECKING:
     from discsim.drag.published.pairs import Pairs
-    from discsim.effects.drag import Effect as Drag
-    from discsim.numerics.state import State
+    from discsim.kernels.drag.frame import Frame
 
 kernels, between = Lazy("discsim.kernels.drag.pairs"), Lazy("discsim.drag.published.pairs")
 
 
-def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> None:
-    gas, found = state.gas, between.pair_up(drag, state, whole=False, hump=drag.drag.kernel == "double-hump")
-    between.note_times(drag, state.dust, found)
-    steps = between.short_steps(drag, dt, 0.0 if drag.two_way else between.fastest(drag, gas, found))
+def kick(gas: Gas, dust: Dust, law: Law, frame: Frame, dt: float, cells: Any, work: Work) -> Kicked:
+    found = between.pair_up(gas, dust, law, frame, work, whole=False)
+    steps = between.short_steps("mk", law, dt, 0.0 if law.two_way else between.fastest(gas, law, work, found))
     short = dt / steps
 
     def impulse(pairs: Pairs, vel: Array, gas_seen: Array, pushed: Array) -> None:
@@ -42,14 +40,15 @@ def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> N
         )  # fmt: skip
 
     for _ in range(steps):
-        between.exchange(drag, state, found, short, gas_vel, heat, impulse, at_once=True)
+        between.exchange(gas, dust, law, found, short, work.heat, impulse, at_once=True)
+    return between.times_in(dust, found)
 
 
-def limit(drag: Drag, state: State) -> float:
-    found = between.pair_up(drag, state, whole=False, hump=drag.drag.kernel == "double-hump")
+def limit(gas: Gas, dust: Dust, law: Law, frame: Frame, work: Work) -> float:
+    found = between.pair_up(gas, dust, law, frame, work, whole=False)
     with np.errstate(divide="ignore"):
-        return 1.0 / np.float64(between.fastest(drag, state.gas, found))
+        return 1.0 / np.float64(between.fastest(gas, law, work, found))
 
 
 # Damping is too strong where h > c_s t_stop: Laibe & Price (2012), sec. 4.
-SCHEME = Scheme(relax, limit=limit, damps=True, unused=NO_CELLS | OWN_INTEGRATION)
+SCHEME = Scheme(kick, limit=limit, damps=True, unused=NO_CELLS | OWN_INTEGRATION)

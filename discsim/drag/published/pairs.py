@@ -17,23 +17,20 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from discsim.drag.base import Array, Dust, Gas, Kicked, Law, Work
 from discsim.drag.cloud import Cloud, cloud_of, guess_h, settle_density
 from discsim.kernels.common.move import add_scaled
 from discsim.kernels.common.neighbours import CELL_OVER_REACH
 from discsim.kernels.drag import pairs as kernels
 from discsim.numerics.neighbours import LEAST, candidates, sort_into_cells
 from discsim.numerics.sorting import counting_sort
-from discsim.numerics.sph import Sph
 from discsim.numerics.threads import parallel_for
 from discsim.parts import USUAL_SCHEME
-from discsim.physics.eos import thermal_speed
 
 if TYPE_CHECKING:
-    from discsim.effects.drag import Effect as Drag
     from discsim.kernels.common.neighbours import Cells
-    from discsim.numerics.state import Dust, Gas, State
+    from discsim.kernels.drag.frame import Frame
 
-Array = np.ndarray
 IN_A_CELL = 16.0  # dust particles in a cell of the neighbour search
 MOST_STEPS = 20_000  # most explicit steps within a kick
 
@@ -54,45 +51,42 @@ class Pairs(NamedTuple):
     rate: Array  # inverse stopping time of each dust particle (n,)
 
 
-def pair_up(drag: Drag, state: State, whole: bool, hump: bool = False) -> list[Pairs]:
+def pair_up(gas: Gas, dust: Dust, law: Law, frame: Frame, work: Work, whole: bool) -> list[Pairs]:
     """Return the pairs of every population.
 
-    whole: whether the shares of a dust particle's drag sum to one. hump: whether the kernel is "double-hump".
+    whole: whether the shares of a dust particle's drag sum to one.
     """
-    gas, dust = state.gas, state.dust
-    sph = Sph(state.scene)
-    sph.ignore_velocities()
+    sph, found = work.new_sph(), []
     cells = sph.cells_of(gas)
-    found = []
-    for population, grain in enumerate(drag.law.grains):
-        members = np.flatnonzero(dust.species == population)
-        cloud = cloud_of(state, members, sph)
+    for population, ratio in enumerate(work.ratios):
+        members = np.flatnonzero(dust.class_of == population)
         if len(members) > 0:
-            ratio = state.scene.dust[population].ratio
-            found.append(_pairs_of(drag, gas, cloud, dust.vel[members], cells, ratio, grain, whole, hump))
+            cloud = cloud_of(dust, members, sph)
+            found.append(_pairs_of(gas, cloud, dust.vel[members], cells, ratio, law, population, frame, whole, work))
     return found
 
 
 def _pairs_of(
-    drag: Drag, gas: Gas, cloud: Cloud, vel: Array, cells: Cells, ratio: float, grain: Array, whole: bool, hump: bool
-) -> Pairs:
+    gas: Gas, cloud: Cloud, vel: Array, cells: Cells, ratio: float, law: Law, population: int, frame: Frame,
+    whole: bool, work: Work,
+) -> Pairs:  # fmt: skip
     """Return the pairs of one population, with density, shares and rates of its drag."""
     sph, n = cloud.sph, cloud.count
     start, index, offset = _list(cloud, gas, cells)
-    by_gas, begin = counting_sort(index, gas.count)
+    by_gas, begin = counting_sort(index, len(gas.mass))
     plain = np.empty(len(index))
     parallel_for(kernels.weight_driver(sph.kernel, sph.dim, False), len(index), index, offset, gas.h, plain)
     _settle_density(cloud, gas, start, index, plain, ratio)
     weight = plain
-    if hump:
+    if work.double_hump:
         weight = np.empty(len(index))
         parallel_for(kernels.weight_driver(sph.kernel, sph.dim, True), len(index), index, offset, gas.h, weight)
     part, time, rate = np.empty(len(index)), np.empty(len(index)), np.empty(n)
     parallel_for(
         kernels.couple, n, kernels.Couples(start, index, part, time), weight,
-        kernels.Side(gas.mass, gas.density, gas.vel), thermal_speed(drag.scene, gas),
-        kernels.Side(cloud.mass, cloud.density, vel), cloud.pos, drag.law.code, grain, drag.law.nonlinear, *drag.star,
-        whole, rate,
+        kernels.Side(gas.mass, gas.density, gas.vel), gas.thermal_speed,
+        kernels.Side(cloud.mass, cloud.density, vel), cloud.pos, law.code, law.grains[population], law.nonlinear,
+        frame.star, frame.softening, whole, rate,
     )  # fmt: skip
     dust = np.repeat(np.arange(n), np.diff(start))
     return Pairs(cloud, start, dust, index, offset, weight, by_gas, begin, part, time, rate)
@@ -139,75 +133,67 @@ Impulse = Callable[[Pairs, Array, Array, Array], None]  # pairs, velocities of d
 
 
 def exchange(
-    drag: Drag,
-    state: State,
-    found: list[Pairs],
-    dt: float,
-    gas_vel: Array,
-    heat: Array,
-    impulse: Impulse,
-    at_once: bool,
+    gas: Gas, dust: Dust, law: Law, found: list[Pairs], dt: float, heat: Array, impulse: Impulse, at_once: bool
 ) -> None:
     """Kick gas and dust over dt with the impulses of all pairs; with `at_once` all from the initial velocities."""
-    gas, dust = state.gas, state.dust
-    gas_before, dust_before = gas_vel.copy(), dust.vel.copy()
+    count, gas_before, dust_before = len(gas.mass), gas.vel.copy(), dust.vel.copy()
     given = []
     for pairs in found:
         cloud = pairs.cloud
         vel = dust.vel[cloud.members]
         pushed = np.zeros_like(pairs.offset)
-        impulse(pairs, vel, gas_before if at_once else gas_vel, pushed)
+        impulse(pairs, vel, gas_before if at_once else gas.vel, pushed)
         parallel_for(kernels.pull_dust, cloud.count, pairs.start, pushed, cloud.mass, vel)
         dust.vel[cloud.members] = vel
-        if drag.two_way:
-            parallel_for(kernels.pull_gas, gas.count, pairs.by_gas, pairs.begin, pushed, gas.mass, gas_vel)
+        if law.two_way:
+            parallel_for(kernels.pull_gas, count, pairs.by_gas, pairs.begin, pushed, gas.mass, gas.vel)
         given.append(pushed)
-    parallel_for(add_scaled, gas.count, gas_vel, gas.acc, dt)
-    parallel_for(add_scaled, dust.count, dust.vel, dust.acc, dt)
+    parallel_for(add_scaled, count, gas.vel, gas.acc, dt)
+    parallel_for(add_scaled, len(dust.mass), dust.vel, dust.acc, dt)
     if len(heat) > 0:
-        gas_mean, dust_mean = 0.5 * (gas_before + gas_vel), 0.5 * (dust_before + dust.vel)
+        gas_mean, dust_mean = 0.5 * (gas_before + gas.vel), 0.5 * (dust_before + dust.vel)
         for pairs, pushed in zip(found, given, strict=True):
             parallel_for(
-                kernels.add_pair_heat, gas.count, pairs.by_gas, pairs.begin, pairs.dust, pushed, gas.mass,
+                kernels.add_pair_heat, count, pairs.by_gas, pairs.begin, pairs.dust, pushed, gas.mass,
                 dust_mean[pairs.cloud.members], gas_mean, heat,
             )  # fmt: skip
 
 
-def note_times(drag: Drag, dust: Dust, found: list[Pairs]) -> None:
-    """Set the stopping times of the dust, and the indices of dust without gas."""
-    drag.stopping_times = np.full(dust.count, np.inf)
+def times_in(dust: Dust, found: list[Pairs]) -> Kicked:
+    """Return the stopping times of the dust, and the rows of dust without gas."""
+    times = np.full(len(dust.mass), np.inf)
     for pairs in found:
         coupled = pairs.rate > 0.0
-        drag.stopping_times[pairs.cloud.members[coupled]] = 1.0 / pairs.rate[coupled]
-    drag.alone = np.flatnonzero(drag.stopping_times == np.inf)
+        times[pairs.cloud.members[coupled]] = 1.0 / pairs.rate[coupled]
+    return Kicked(np.flatnonzero(times == np.inf), times)
 
 
-def short_steps(drag: Drag, dt: float, rate: float) -> int:
+def short_steps(scheme: str, law: Law, dt: float, rate: float) -> int:
     """Return the number of explicit steps within a kick over dt, at the largest drag rate.
 
     Two-way drag limits the step of the run instead. Raises FloatingPointError above MOST_STEPS.
     """
-    if drag.two_way or dt == 0.0:
+    if law.two_way or dt == 0.0:
         return 1
     if not dt * rate <= MOST_STEPS:
         raise FloatingPointError(
-            f'drag.scheme "{drag.drag.scheme}" would make {dt * rate:.2g} explicit steps of a stopping time in one; '
+            f'drag.scheme "{scheme}" would make {dt * rate:.2g} explicit steps of a stopping time in one; '
             f'expected a scheme without any, like "{USUAL_SCHEME}", or a shorter run.timestep'
         )
     return max(1, ceil(dt * rate))
 
 
-def fastest(drag: Drag, gas: Gas, found: list[Pairs]) -> float:
+def fastest(gas: Gas, law: Law, work: Work, found: list[Pairs]) -> float:
     """Return the largest rate at which drag changes the velocity of a particle.
 
     Explicit steps up to its inverse are stable: a row of the drag's matrix sums to zero, so that no eigenvalue is
     above twice its diagonal (Gershgorin).
     """
-    rates = np.zeros(gas.count)
-    if drag.two_way:
+    rates = np.zeros(len(gas.mass))
+    if law.two_way:
         for pairs in found:
             parallel_for(
-                kernels.gas_rates, gas.count, pairs.by_gas, pairs.begin, pairs.dust, pairs.part, pairs.time,
+                kernels.gas_rates, len(rates), pairs.by_gas, pairs.begin, pairs.dust, pairs.part, pairs.time,
                 pairs.cloud.mass, gas.mass, rates,
             )  # fmt: skip
-    return max(rates.max(), *(pairs.rate.max() for pairs in found)) * drag.dim
+    return max(rates.max(), *(pairs.rate.max() for pairs in found)) * work.dim

@@ -12,32 +12,30 @@ both places.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discsim.drag.base import NO_CELLS, Array, Scheme
+from discsim.drag.base import NO_CELLS, Array, Dust, Gas, Kicked, Law, Scheme, Work
 from discsim.drag.published.lab14 import relax_each_pair
 from discsim.numerics.threads import parallel_for
 from discsim.parts import Lazy
 
 if TYPE_CHECKING:
-    from discsim.drag.cloud import Cloud
-    from discsim.effects.drag import Effect as Drag
+    from discsim.kernels.drag.frame import Frame
     from discsim.numerics.sph import Sph
-    from discsim.numerics.state import Gas, State
 
 kernels, neighbours = Lazy("discsim.kernels.drag.slopes"), Lazy("discsim.numerics.neighbours")
 
 
-def relax(drag: Drag, state: State, dt: float, gas_vel: Array, heat: Array) -> None:
-    relax_each_pair(drag, state, dt, gas_vel, heat, slopes_of)
+def kick(gas: Gas, dust: Dust, law: Law, frame: Frame, dt: float, cells: Any, work: Work) -> Kicked:
+    return relax_each_pair(gas, dust, law, frame, dt, work, slopes_of)
 
 
-def slopes_of(sph: Sph, points: Gas | Cloud, vel: Array) -> Array:
-    """Return the slopes (n, d, d) of a velocity `vel` (n, d) of gas or of a cloud of dust."""
+def slopes_of(sph: Sph, points: Any, vel: Array) -> Array:
+    """Return the slopes (n, d, d) of a velocity `vel` (n, d) of `Gas` or of a `Cloud` of dust."""
     cells = sph.cells_of(points)
-    slope, fit = np.empty((points.count, sph.dim, sph.dim)), kernels.slope_driver(sph.kernel, sph.dim)
+    slope, fit = np.empty((len(points.mass), sph.dim, sph.dim)), kernels.slope_driver(sph.kernel, sph.dim)
     parallel_for(
         fit, len(cells.filled), points.pos, vel, points.mass, points.h, slope, cells,
         least=neighbours.LEAST, each=neighbours.candidates(cells, cells, mutual=False),
@@ -45,4 +43,4 @@ def slopes_of(sph: Sph, points: Gas | Cloud, vel: Array) -> Array:
     return slope
 
 
-SCHEME = Scheme(relax, unused=NO_CELLS)
+SCHEME = Scheme(kick, unused=NO_CELLS)

@@ -18,24 +18,21 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from discsim.drag.base import NO_CELLS, NO_KERNEL, OWN_INTEGRATION, Array, Scheme
+from discsim.drag.base import NO_CELLS, NO_KERNEL, OWN_INTEGRATION, Array, Law, Scheme
 from discsim.drag.published.fixed_grid import RULES
 from discsim.parts import Lazy
 
 if TYPE_CHECKING:
-    from discsim.effects.cells_drag import Effect as Drag
     from discsim.numerics.ppm import Tube
 
 kernels, ppm = Lazy("discsim.kernels.fluid1d.drag"), Lazy("discsim.numerics.ppm")
 
 
-def advance(drag: Drag, tube: Tube, cells: Array, dt: float) -> Array:
+def advance(law: Law, tube: Tube, cells: Array, dt: float, heating: bool) -> Array:
     now = cells
     for part in ppm.STAGES:
         now = tube.moved(cells, now, part * dt)
-    kernels.relax_towards_old(
-        drag.law.code, drag.law.grains[0], tube.thermal_speed(now), now, dt, tube.adiabatic, drag.heating
-    )  # fmt: skip
+    kernels.relax_towards_old(law.code, law.grains[0], tube.thermal_speed(now), now, dt, tube.adiabatic, heating)
     return now
 
 

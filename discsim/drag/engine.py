@@ -1,0 +1,203 @@
+"""Engine of drag: the arrays of a scheme's kick, taken from the state, and the results of the last kick."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+from discsim.drag.base import EMPTY, CellRule, Dust, Gas, Kicked, Law, Scheme, Work
+from discsim.drag.classes import Classes
+from discsim.drag.width import Width
+from discsim.numerics import world
+from discsim.numerics.layout import SOFT
+from discsim.numerics.totals import mean, total
+from discsim.parts import SCHEMES, Lazy
+from discsim.physics.eos import thermal_speed
+from discsim.physics.laws import SceneLaw
+
+if TYPE_CHECKING:
+    from discsim.drag.cells import Layout
+    from discsim.drag.frame import Samples
+    from discsim.kernels.drag.frame import Frame
+    from discsim.numerics.operators import View
+    from discsim.numerics.state import Dust as DustOfState
+    from discsim.numerics.state import State
+    from discsim.scene import Scene
+
+cells, clouds, frames = Lazy("discsim.drag.cells"), Lazy("discsim.drag.cloud"), Lazy("discsim.drag.frame")
+growth, sph = Lazy("discsim.physics.growth"), Lazy("discsim.numerics.sph")
+Array = np.ndarray
+Seen: TypeAlias = "State | View"
+Prepared: TypeAlias = "tuple[Frame, Any]"  # frame and cells of a kick
+
+
+def moving_mass(dust: DustOfState) -> Array:
+    """Return the masses (n,) of dust particles, 0 for immobile ones."""
+    return dust.mass if dust.immobile is None else np.where(dust.immobile, 0.0, dust.mass)
+
+
+class Engine:
+    """Kicks of gas and dust by the scheme of a scene. `ranks/drag.py` has the one for several ranks.
+
+    star: central mass and softening at the last kick. buffers: scratch arrays of the scheme. samples: sampled particles
+    that the frame is made from.
+    """
+
+    def __init__(self, scene: Scene, star: tuple[float, float]) -> None:
+        self.scene, self.star, self.dim = scene, star, scene.space.dimensions
+        self.scheme: Scheme = SCHEMES[scene.drag.scheme]
+        self.law, self.width = SceneLaw(scene), Width(scene)
+        self.classes = Classes(scene, self.law)
+        self.period = np.full(2, np.inf)
+        if scene.space.boundary == "periodic":
+            self.period[:] = *scene.space.size, *np.ones(2 - self.dim)
+        self.buffers: dict[str, Array] = {}
+        self.samples: Samples = {}
+        self._times: Array | Callable[[], Array] = EMPTY
+        self._uncoupled_mass = EMPTY  # masses of the dust that the last kick did not couple to gas
+
+    @property
+    def stopping_times(self) -> Array:
+        """Stopping times of the dust at the last kick (n,), inf without gas; computed at the first access."""
+        self._times = times = self._times() if callable(self._times) else self._times
+        return times
+
+    def uncoupled_share(self, dust: DustOfState) -> float:
+        """Return the share of the dust mass that the last kick did not couple to gas.
+
+        Its exact sums cost 1% of a step, so they are not made in each step.
+        """
+        uncoupled = total(self._uncoupled_mass)
+        whole = total(moving_mass(dust)) if uncoupled > 0.0 else 0.0
+        return uncoupled / whole if whole > 0.0 else 0.0
+
+    def record(self, dust: DustOfState, kicked: Kicked) -> None:
+        """Keep the results of a kick."""
+        self._times, self._uncoupled_mass = kicked.stopping_times, moving_mass(dust)[kicked.uncoupled]
+
+    def release(self) -> None:
+        """Free the arrays of the last kick."""
+        self._times = EMPTY
+        self.buffers.clear()
+
+    def prepare(self, state: Seen) -> Prepared:
+        """Return the frame and the cells of the next kick."""
+        self._sort(state)
+        return self._build(state, *self._positions(state, state.gas.vel))
+
+    def kick(self, state: State, dt: float, gas_vel: Array, heat: Array, prepared: Prepared | None = None) -> None:
+        """Kick dust in place and the gas in `gas_vel` (n, d) by the scheme, and record the results.
+
+        heat (n,): output, the heat per mass of each gas particle, if it has entries. prepared: result of `prepare`.
+        """
+        dust = state.dust
+        resting = dust.vel[dust.immobile] if dust.immobile is not None else None
+        self._sort(state)
+        with state.about_centre(gas_vel):
+            kicked = self._relax(state, dt, gas_vel, heat, prepared)
+        self.record(dust, kicked)
+        if resting is not None:
+            dust.vel[dust.immobile] = resting
+
+    def limit(self, state: Seen) -> float:
+        """Return the longest stable step of an explicit scheme."""
+        assert self.scheme.limit is not None
+        return self.scheme.limit(*self.arguments(state))
+
+    def arguments(self, state: Seen) -> tuple[Gas, Dust, Law, Frame, Work]:
+        """Return the arguments of the scheme's `limit`."""
+        self.classes.sort(state.dust)
+        gas, dust = self._complete(state, *self._positions(state, state.gas.vel))
+        return gas, dust, self.classes.law, self._frame(state), self._work(EMPTY)
+
+    def layout(self, state: Seen) -> Layout:
+        """Return the cells that the scheme would make of a state."""
+        self._sort(state)
+        assert self.scheme.layout is not None
+        arrays = self._positions(state, state.gas.vel)
+        return self.scheme.layout(*arrays, self._rule(state), self._frame(state), cells.OneRank())
+
+    def _sort(self, state: Seen) -> None:
+        """Sort the dust into classes, and update the mass and softening of the centre."""
+        self.classes.sort(state.dust)
+        self.star = state.central
+
+    def _relax(self, state: State, dt: float, gas_vel: Array, heat: Array, prepared: Prepared | None) -> Kicked:
+        gas, dust = self._positions(state, gas_vel)
+        frame, built = self._build(state, gas, dust) if prepared is None else prepared
+        gas, dust = self._complete(state, gas, dust)
+        return self._call(gas, dust, frame, dt, built, heat)
+
+    def _call(self, gas: Gas, dust: Dust, frame: Frame, dt: float, built: Any, heat: Array) -> Kicked:
+        assert self.scheme.kick is not None
+        return self.scheme.kick(gas, dust, self.classes.law, frame, dt, built, self._work(heat))
+
+    def _build(self, state: Seen, gas: Gas, dust: Dust) -> Prepared:
+        """Return the frame of a kick, and its cells if the scheme has any."""
+        frame, scheme = self._frame(state), self.scheme
+        if scheme.layout is None or scheme.build is None:
+            return frame, None
+        rule = self._rule(state)
+        return frame, scheme.build(gas, dust, rule, scheme.layout(gas, dust, rule, frame, cells.OneRank()))
+
+    def _frame(self, state: Seen) -> Frame:
+        """Return the frame about the star, with its sense of rotation for schemes with cells."""
+        if self.scheme.layout is None:
+            return frames.Frame(*self.star, 0.0, 0.0, np.ones(1))
+        return frames.frame_of(state.species, *self.star, self.samples)
+
+    def _positions(self, state: Seen, gas_vel: Array) -> tuple[Gas, Dust]:
+        """Return the arrays that cells are made from; `gas_vel` (n, d) are the velocities of the gas."""
+        gas, dust, none = state.gas, state.dust, EMPTY
+        return (
+            Gas(gas.pos, gas_vel, none, none, gas.mass, gas.h, none, none, gas.place, gas.loose, gas.count),
+            Dust(dust.pos, dust.vel, none, none, dust.mass, self.classes.of, none, dust.place, dust.loose, dust.count),
+        )
+
+    def _complete(self, state: Seen, gas: Gas, dust: Dust) -> tuple[Gas, Dust]:
+        """Return the arrays of a kick, from those of `_positions`."""
+        scene, density = state.scene, state.gas.density
+        if state.gas.small is not None:  # small dust that gas carries exerts no drag on grains
+            density = density * growth.gas_share(scene, state.gas)
+        gas = gas._replace(
+            acc=state.gas.acc, acc_unshared=state.own_acc["gas"], density=density,
+            thermal_speed=thermal_speed(scene, state.gas),
+        )  # fmt: skip
+        dust = dust._replace(acc=state.dust.acc, acc_unshared=state.own_acc["dust"])
+        if self.scheme.layout is None:
+            return gas, dust
+        if state.dust.size is not None:
+            return gas, dust._replace(per_grain=self.classes.relative)
+        return gas, dust._replace(
+            per_grain=clouds.densities_of_sparse_dust(gas, dust, self.classes.law, self._work(EMPTY), scene)
+        )
+
+    def _rule(self, state: Seen) -> CellRule:
+        """Return the rule of the cells of a kick."""
+        scene, gas, of_scheme = state.scene, state.gas, self.scheme.cells
+        assert of_scheme is not None
+        number, length, two_way = self.width.number, scene.drag.cell_length, scene.drag.direction == "two-way"
+        lengths = self.width.counted(gas.pos, gas.h)
+        wanted = length
+        if wanted is None:
+            h_least = world.together.least(float(lengths.min(initial=np.inf)))
+            wanted = of_scheme.leaf(scene, number, lambda: float(np.exp(mean(np.log(lengths)))), h_least)
+        lattice = cells.lattice_on(state.grid, self.dim, self.width.rounded * wanted, gas.everywhere)
+        # With drag.cell_length a leaf has the wanted side; with a number of h leaves double up to it.
+        return CellRule(
+            self.dim, self.classes.number, lattice, lengths, of_scheme.share * number, lattice.side if length else 0.0,
+            of_scheme.least(scene) if of_scheme.least else (1, 0), SOFT, 8.0 if self.dim == 1 else 4.0, two_way,
+            state.step + state.earlier,
+        )  # fmt: skip
+
+    def _work(self, heat: Array) -> Work:
+        ratios = [population.ratio for population in self.scene.dust]
+        double_hump = self.scene.drag.kernel == "double-hump"
+        return Work(self.dim, self.period, heat, self.buffers, self._new_sph, ratios, double_hump)
+
+    def _new_sph(self) -> Any:
+        made = world.together.sph(sph.Sph, self.scene)
+        made.ignore_velocities()
+        return made
