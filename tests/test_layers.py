@@ -1,6 +1,7 @@
 """The floors of the house: what a package may import, and no circle of modules."""
 
 import ast
+import re
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -75,6 +76,12 @@ def test_no_circle_of_imports():
         TopologicalSorter(graph).prepare()
     except CycleError as error:
         raise AssertionError(" -> ".join(error.args[1])) from None
+
+
+def test_drag_schemes_get_arrays_alone():
+    """No module of drag names effects or the state, types included, except the engine."""
+    files = [file for file in (HOME / "drag").rglob("*.py") if file.stem != "engine"]
+    assert [f.name for f in files if re.search(r"discsim\.(effects|numerics\.state)", f.read_text())] == []
 
 
 def test_nothing_is_long():

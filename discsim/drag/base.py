@@ -119,7 +119,7 @@ class Work(NamedTuple):
     dim: dimensions. period (2,): that of space, inf where it is open. heat (n,): output, the heat per mass of each gas
     particle; no entries without heating. buffers: scratch arrays that a scheme reuses in every kick. new_sph: create
     SPH sums with the options of the scene. ratios: dust-to-gas mass ratio of each population. double_hump: whether the
-    scene wants the double-hump kernel.
+    weights of pairs are the double-hump kernel, else that of the gas.
     """
 
     dim: int
@@ -182,8 +182,8 @@ class Scheme:
         cells: result of `build`, or None.
     layout : callable, optional
         `layout(gas, dust, rule, frame, ranks)` returns the `Layout` (`drag/cells.py`) of the cells that relax, from
-        positions, velocities and masses. ranks: sums over all ranks, as in `drag/cells.py`. Without it the scheme has
-        no cells, and each rank makes the whole kick.
+        positions, velocities and masses. ranks: `OneRank` of `drag/cells.py`, or its counterpart on several ranks.
+        Without it the scheme has no cells, and each rank makes the whole kick.
     build : callable, optional
         `build(gas, dust, rule, layout)` returns the `cells` of a kick. On several threads it is computed while effects
         accelerate.

@@ -75,37 +75,33 @@ def build(gas: Gas, dust: Dust, rule: CellRule, layout: Layout) -> NodeCells:
 
 def kick(gas: Gas, dust: Dust, law: Law, frame: Frame, dt: float, there: NodeCells, work: Work) -> Kicked:
     """Kick gas and dust over dt, as `Scheme.kick`."""
-    blocks, classes, heat = there.blocks, len(law.grains), work.heat
+    blocks, classes = there.blocks, len(law.grains)
     few = classes > 1 and _are_few(blocks, classes, dust.local)
-    gas_in, dust_in = both = species_in(gas, dust, classes, blocks)
+    of_gas, of_dust = species_in(gas, dust, classes, blocks)
     cells, nodes = _sums(there, classes, law, work, few and len(dust.acc_unshared) == 0)
-    rows_of_gas, rows_of_dust = there.rows
-    gas_columns, collect_gas = _gather(work, gas_in, cells, nodes, rows_of_gas, frame, law.code)
+    gas_columns, collect_gas = _gather(work, of_gas, cells, nodes, there.rows[0], frame, law.code)
     parallel_for_fused([collect_gas], len(nodes.near), least=LEAST)  # sums of dust depend on which nodes have gas
-    dust_columns, collect_dust = _gather(work, dust_in, cells, nodes, rows_of_dust, frame, law.code)
-    sharp = _relax_nodes(gas_in, dust_in, blocks, cells, nodes, collect_dust, law, frame, dt, work)
-    packed = gas_columns, dust_columns
-    met = [np.empty((len(cells.home), kind.number)) for kind in both]
+    dust_columns, collect_dust = _gather(work, of_dust, cells, nodes, there.rows[1], frame, law.code)
+    sharp = _relax_nodes(of_gas, of_dust, blocks, cells, nodes, collect_dust, law, frame, dt, work)
     # With heat the blocks of ghosts are kicked too, as the heat of their losses passes on to local gas.
-    kicked = len(cells.home) if len(heat) > 0 else blocks.own
-    kinds = list(zip(both, packed, met, strict=True))
-    if not law.two_way:
-        del kinds[0]  # the gas feels no drag, and `kick_gas` kicks it
+    kicked, rate = len(cells.home) if len(work.heat) > 0 else blocks.own, np.empty((len(cells.home), classes))
+    kinds = [(of_dust, dust_columns, rate)]
+    if law.two_way:  # one-way drag leaves the gas to `kick_gas`
+        kinds.insert(0, (of_gas, gas_columns, np.empty((len(cells.home), 1))))
     passes = [
-        (nodes_scatter.scatter, kind, cells, nodes, sharp, *columns, dt, law.exponential, rate)
-        for kind, columns, rate in kinds
+        (nodes_scatter.scatter, kind, cells, nodes, sharp, *columns, dt, law.exponential, rates)
+        for kind, columns, rates in kinds
     ]
     parallel_for_fused(passes, kicked, least=LEAST)  # in this order: both add to the heat of a node
     for kind, *_ in kinds:
         free_kick(_outside(kind, cells), kind.vel, kind.acc, dt)
-    if len(heat) > 0:
+    if len(work.heat) > 0:
         nodes_heat.move_heat_to_gas(nodes, sharp.heat)
-        parallel_for(
-            nodes_heat.spread, len(cells.home), gas_in, cells, nodes, sharp.heat, *packed[0], heat, least=LEAST
-        )
+        given = of_gas, cells, nodes, sharp.heat, *gas_columns, work.heat
+        parallel_for(nodes_heat.spread, len(cells.home), *given, least=LEAST)
     return Kicked(
-        members_alone(dust_in.order, dust_in.start, met[1], blocks.enlarged, kicked),
-        lambda: _stopping_times(dust_in, cells, nodes, sharp, packed[1]),
+        members_alone(of_dust.order, of_dust.start, rate, blocks.enlarged, kicked),
+        lambda: _stopping_times(of_dust, cells, nodes, sharp, dust_columns),
     )
 
 

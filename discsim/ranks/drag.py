@@ -68,12 +68,12 @@ class DividedDrag(Engine):
         if self.classes.law.several:
             reads += ("class_of",)
         gas, dust = self._with_ghosts(self._complete(state, gas, dust), wides, reads)
-        leaves = [
-            _with_leaves_of_ghosts(leaf, pos, layout.leaf_of)
-            for leaf, pos in ((layout.gas_leaf, gas.pos), (layout.dust_leaf, dust.pos))
-        ]
+        layout = layout._replace(
+            gas_leaf=_with_leaves_of_ghosts(layout.gas_leaf, gas.pos, layout.leaf_of),
+            dust_leaf=_with_leaves_of_ghosts(layout.dust_leaf, dust.pos, layout.leaf_of),
+        )
         assert self.scheme.build is not None
-        built = self.scheme.build(gas, dust, rule, Layout(*layout[:-2], *leaves))
+        built = self.scheme.build(gas, dust, rule, layout)
         return self._kick(state, gas, dust, wides, frame, dt, built, gas_vel, heat)
 
     def _kick(

@@ -104,7 +104,7 @@ def test_throughput_sets_eight_sizes_beside_one(monkeypatch):
     assert all(0.0 < row["kick"] < row["step"] for row in rows)
     sim = Simulation(throughput.of_sizes(600, 2, 8, "tsc"))
     sim.step()
-    assert sim.effects["drag"].classes.number == 8  # each size a class of its own
+    assert sim.effects["drag"].engine.classes.number == 8  # each size a class of its own
 
 
 def test_a_study_of_cost_is_made_once(tmp_path):

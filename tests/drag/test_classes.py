@@ -150,7 +150,7 @@ def test_classes_are_few_however_wide_the_sizes():
     sim.step(0.0025)
     classes = sim.effects["drag"].engine.classes
     assert classes.number <= 32
-    np.testing.assert_allclose(classes.grains[classes.of, VALUE] * classes.relative, sim.dust.size, rtol=1e-12)
+    np.testing.assert_allclose(classes.law.grains[classes.of, VALUE] * classes.relative, sim.dust.size, rtol=1e-12)
     assert np.isfinite(sim.dust.vel).all()
 
 

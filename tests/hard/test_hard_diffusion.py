@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from discsim import Simulation
+from discsim.drag.base import Kicked
 from discsim.run.forces import PhysicsError
 
 
@@ -27,6 +28,11 @@ def disc(alpha=0.01, stokes=0.1, **tables):
     }
 
 
+def stopping_times(sim, times):
+    """Let the grains of a simulation have stopping times."""
+    sim.effects["drag"].engine.record(sim.dust, Kicked(np.arange(0), times))
+
+
 @pytest.mark.parametrize("stokes", [1e-30, 1e30])
 @pytest.mark.parametrize("alpha", [1e-30, 1.0])
 def test_extreme_numbers(stokes, alpha):
@@ -41,7 +47,7 @@ def test_grains_without_drag_are_not_stirred():
     sim = Simulation(disc())
     sim._prepare()
     before = sim.dust.pos.copy()
-    sim.effects["drag"].stopping_times = np.where(np.arange(sim.dust.count) % 2, np.inf, 0.1)
+    stopping_times(sim, np.where(np.arange(sim.dust.count) % 2, np.inf, 0.1))
     sim.effects["dust_diffusion"].move(sim.state, 0.01)
     moved = (sim.dust.pos != before).any(axis=1)
     assert (moved == (np.arange(sim.dust.count) % 2 == 0)).all()
@@ -56,7 +62,7 @@ def test_grains_beyond_the_gas_and_on_the_star():
     edge = gas.pos[outermost] / np.hypot(*gas.pos[outermost])
     dust.pos[0], dust.pos[1] = (0.0, 0.0), (2.4, 0.0)
     dust.pos[2] = gas.pos[outermost] + (1.0 - 1e-9) * 2.0 * gas.h[outermost] * edge
-    sim.effects["drag"].stopping_times = np.full(dust.count, 0.1)
+    stopping_times(sim, np.full(dust.count, 0.1))
     before = dust.pos[:3].copy()
     sim.effects["dust_diffusion"].move(sim.state, 0.05)
     assert (dust.pos[:2] == before[:2]).all()
