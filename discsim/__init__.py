@@ -7,7 +7,8 @@ module `plot`. Each is imported at its first use.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-__version__ = "0.1.0"
+from discsim.version import __version__ as __version__
+
 __all__ = ["SceneError", "Simulation", "Snapshot", "SnapshotError", "load_scene", "plot", "read_snapshot"]
 
 if TYPE_CHECKING:

@@ -11,8 +11,9 @@ import discsim
 HOME = Path(discsim.__file__).parent
 # From the ground up: each imports itself and what stands before it.
 FLOORS = (
-    "printable", "userfiles", "parts", "formulas", "jit", "kernels", "exact", "scene", "numerics", "physics", "drag",
-    "initial", "effects", "output", "plot", "preview", "run", "study", "report", "shipped", "launch", "ranks", "cli",
+    "version", "printable", "userfiles", "parts", "formulas", "jit", "kernels", "exact", "scene", "numerics", "physics",
+    "drag", "initial", "effects", "output", "plot", "preview", "run", "study", "report", "shipped", "launch", "ranks",
+    "cli",
 )  # fmt: skip
 
 

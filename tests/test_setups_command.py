@@ -178,7 +178,7 @@ def test_the_version_is_told_once():
     """pyproject.toml takes it from the package, and what people cite says the same."""
     project = tomllib.loads((HOME / "pyproject.toml").read_text(encoding="utf-8"))
     assert "version" in project["project"]["dynamic"]
-    assert project["tool"]["hatch"]["version"]["path"] == "discsim/__init__.py"
+    assert project["tool"]["hatch"]["version"]["path"] == "discsim/version.py"
     assert f'\nversion: "{__version__}"\n' in (HOME / "CITATION.cff").read_text(encoding="utf-8")
     assert f"\n## [{__version__}]" in (HOME / "CHANGELOG.md").read_text(encoding="utf-8")
 

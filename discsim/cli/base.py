@@ -76,7 +76,7 @@ VaryOption = Annotated[
 
 def _version(wanted: bool) -> None:
     if wanted:
-        from discsim import __version__
+        from discsim.version import __version__
 
         tell(f"discsim {__version__}")
         raise typer.Exit

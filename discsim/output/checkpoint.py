@@ -12,11 +12,11 @@ from typing import Any, NoReturn
 import h5py
 import numpy as np
 
-from discsim import __version__
 from discsim.numerics.entries import EntryError
 from discsim.output import hdf5
 from discsim.printable import UserError, printable
 from discsim.scene.units import clipped
+from discsim.version import __version__
 
 Array = np.ndarray
 Scalar = str | int | float | bool

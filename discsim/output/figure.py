@@ -15,7 +15,6 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from discsim import __version__
 from discsim.initial.base import Curve
 from discsim.output.bins import RINGS
 from discsim.output.drawing import (
@@ -42,6 +41,7 @@ from discsim.output.fields.binned import Binned
 from discsim.output.fields.values import Window, centred, on_pixels, shown_window, smooth_profile, start_of
 from discsim.output.snapshot import Snapshot, read_snapshot
 from discsim.scene import load_scene
+from discsim.version import __version__
 
 Array = np.ndarray
 

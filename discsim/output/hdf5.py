@@ -19,13 +19,13 @@ from typing import IO, Any
 import h5py
 import numpy as np
 
-from discsim import __version__
 from discsim.numerics.entries import EntryError
 from discsim.output import files
 from discsim.output.files import command, replace_atomically
 from discsim.printable import printable
 from discsim.scene.units import clipped
 from discsim.userfiles import open_plain
+from discsim.version import __version__
 
 _CHUNK = 1 << 16  # rows per chunk; HDF5 reads and checks whole chunks
 _BLOCK = 1 << 24  # bytes per block when a file is verified

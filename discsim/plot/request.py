@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from discsim import __version__
 from discsim.output.drawing import figure_text
 from discsim.output.fields.base import PlotError
 from discsim.output.fields.look import Look
@@ -16,6 +15,7 @@ from discsim.output.snapshot import files_of
 from discsim.plot import compose, pictures
 from discsim.plot.compose import Board
 from discsim.plot.sources import chosen, directory_of, name_of, read, times_of
+from discsim.version import __version__
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -14,7 +14,6 @@ from typing import Any
 
 import jinja2
 
-from discsim import __version__
 from discsim.output.costtable import read_costs
 from discsim.output.files import refuse_special, replace_atomically
 from discsim.output.history import read_history
@@ -29,6 +28,7 @@ from discsim.scene import Scene, load_scene
 from discsim.scene.units import clock
 from discsim.study.outcomes import chosen, found_in
 from discsim.userfiles import read_text
+from discsim.version import __version__
 
 LIBRARIES = ("numpy", "numba", "scipy", "astropy", "h5py", "matplotlib")
 

@@ -11,7 +11,6 @@ from typing import Any
 
 from numba.core import event
 
-from discsim import __version__
 from discsim.effects.base import kick_effect
 from discsim.initial import start_time
 from discsim.jit import cache
@@ -39,6 +38,7 @@ from discsim.scene.differences import refuse_another
 from discsim.scene.fields import MOST_SNAPSHOTS
 from discsim.scene.units import clock
 from discsim.userfiles import NO_HANDLES, system_message
+from discsim.version import __version__
 
 DONE, NOT_WRITTEN, WRONG_INPUT, PHYSICS = 0, 1, 2, 3  # exit statuses; interrupted: 128 + the signal
 SMALL = 20_000  # particles below which history.csv has a row for every step

@@ -18,7 +18,6 @@ from statistics import fmean
 
 from rich.console import Console
 
-from discsim import __version__
 from discsim.output.files import appended, replace_atomically
 from discsim.preview.accuracy import learn
 from discsim.printable import printable
@@ -31,6 +30,7 @@ from discsim.study.points import Settings, StudyError, Varied, label_of, percent
 from discsim.study.runs import RUNS, DeadlineError, Limits, Runs, Say
 from discsim.study.search import Search
 from discsim.study.trials import BudgetError, Measured, Place, Trial
+from discsim.version import __version__
 
 _FRACTION = re.compile(r"[0-9]*\.[0-9]+")
 SCENE = "scene"  # argument of --error for the scene's own error

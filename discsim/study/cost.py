@@ -14,13 +14,13 @@ from typing import Any
 
 from rich.console import Console
 
-from discsim import __version__
 from discsim.output.files import appended, replace_atomically
 from discsim.printable import printable
 from discsim.scene.units import clock
 from discsim.study.findings import show
 from discsim.study.points import Point, StudyError, Varied, axis_of, combinations, label_of, lines_of
 from discsim.study.runs import RUNS, Runs, Say
+from discsim.version import __version__
 
 WIDTH = 110  # width of the tables in characters, also without a terminal
 

@@ -9,9 +9,9 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from discsim import __version__
 from discsim.output.drawing import figure_text
 from discsim.study.points import label_of
+from discsim.version import __version__
 
 if TYPE_CHECKING:
     from discsim.study.cost import Study

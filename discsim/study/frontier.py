@@ -16,13 +16,13 @@ from rich.box import SIMPLE
 from rich.console import Console
 from rich.table import Table
 
-from discsim import __version__
 from discsim.output.drawing import figure_text
 from discsim.printable import printable
 from discsim.scene.units import clock
 from discsim.study.knobs import Knobs
 from discsim.study.points import percent
 from discsim.study.trials import RUNG, Place, Trial
+from discsim.version import __version__
 
 if TYPE_CHECKING:
     from discsim.study.cheapest import Cheapest

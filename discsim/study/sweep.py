@@ -20,7 +20,6 @@ from rich.box import SIMPLE
 from rich.console import Console
 from rich.table import Table
 
-from discsim import __version__
 from discsim.output.files import replace_atomically
 from discsim.printable import printable
 from discsim.run.directory import only_begun, scene_there
@@ -30,6 +29,7 @@ from discsim.study.outcomes import chosen, found_in
 from discsim.study.points import Point, StudyError, Varied, axis_of, combinations, label_of, leaves
 from discsim.study.runs import Runs, Say
 from discsim.study.workers import end_with_parent, in_words, results
+from discsim.version import __version__
 
 DONE, REFUSED, PHYSICS, FAILED, INTERRUPTED = 0, 2, 3, 70, 128  # exit statuses of a run; interrupted: 128 + the signal
 GIVEN_UP = {

@@ -9,9 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from discsim import __version__
 from discsim.output.drawing import figure_text
 from discsim.study.points import Point, leaves, lines_of, number_in
+from discsim.version import __version__
 
 if TYPE_CHECKING:
     from discsim.study.outcomes import Outcome
