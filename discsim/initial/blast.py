@@ -13,13 +13,12 @@ from pydantic import Field
 
 from discsim.initial.base import Array, Arrays, Curve, Places, Start
 from discsim.initial.lattice import everywhere, uniform
-from discsim.initial.measure import ErrorMeasure
+from discsim.initial.measure import ErrorMeasure, Simulated
 from discsim.physics.eos import initial_energy
 from discsim.scene.fields import Density, Length, Measure, Table
 
 if TYPE_CHECKING:
     from discsim.numerics.state import Particles
-    from discsim.run.simulation import Simulation
     from discsim.scene import Scene
 
 CENTRE = 0.4  # central pressure of a blast over that behind the shock (Sedov 1959)
@@ -96,7 +95,7 @@ def measure(scene: Scene) -> ErrorMeasure | None:
         return None
     from discsim.exact import sedov  # imports scipy
 
-    def errors(sim: Simulation) -> dict[str, float]:
+    def errors(sim: Simulated) -> dict[str, float]:
         start = scene.initial
         exact = sedov.shock_radius(sim.time, start.energy, start.density * (1.0 + ratio), scene.gas.eos.gamma)
         width = min(scene.space.size) * sim.gas.count**-0.5

@@ -9,12 +9,11 @@ from pydantic import Field
 
 from discsim.initial.base import Array, Arrays, Places, Start
 from discsim.initial.lattice import everywhere, uniform
-from discsim.initial.measure import ErrorMeasure, velocity_errors
+from discsim.initial.measure import ErrorMeasure, Simulated, velocity_errors
 from discsim.parts import LAWS
 from discsim.scene.fields import Density, Table, VelocityVector
 
 if TYPE_CHECKING:
-    from discsim.run.simulation import Simulation
     from discsim.scene import Scene
 
 
@@ -53,7 +52,7 @@ def measure(scene: Scene) -> ErrorMeasure | None:
         return None
     from discsim.exact import dustybox  # imports scipy
 
-    def exact(sim: Simulation, kind: str) -> tuple[Array, Array | float]:
+    def exact(sim: Simulated, kind: str) -> tuple[Array, Array | float]:
         start, ratio = scene.initial, scene.dust[0].ratio
         gas, dust = np.array(start.gas_velocity, dtype=float), np.array(start.dust_velocity, dtype=float)
         pulls = [np.array(getattr(scene.external, name, 0.0 * gas)) for name in ("gas", "dust")]

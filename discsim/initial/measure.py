@@ -3,14 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
 if TYPE_CHECKING:
-    from discsim.run.simulation import Simulation
+    from discsim.numerics.state import Dust, Gas, State
 
 Array = np.ndarray
+
+
+class Simulated(Protocol):
+    """The part of a `Simulation` that its error depends on: time and particles."""
+
+    @property
+    def time(self) -> float: ...
+
+    @property
+    def gas(self) -> Gas | None: ...
+
+    @property
+    def dust(self) -> Dust | None: ...
+
+    @property
+    def state(self) -> State: ...
 
 
 class ErrorMeasure(NamedTuple):
@@ -25,19 +41,19 @@ class ErrorMeasure(NamedTuple):
     """
 
     words: str
-    errors: Callable[[Simulation], dict[str, float]]
+    errors: Callable[[Simulated], dict[str, float]]
 
 
 def velocity_errors(
-    exact: Callable[[Simulation, str], tuple[Array, Array | float]],
-) -> Callable[[Simulation], dict[str, float]]:
+    exact: Callable[[Simulated, str], tuple[Array, Array | float]],
+) -> Callable[[Simulated], dict[str, float]]:
     """Return a function of errors by species: the RMS error of velocities over the largest exact speed in a frame.
 
     exact(sim, kind): exact velocities (n, d) of the particles of a species, and the velocity of that frame. Immobile
     particles are left out.
     """
 
-    def errors(sim: Simulation) -> dict[str, float]:
+    def errors(sim: Simulated) -> dict[str, float]:
         out = {}
         for kind, p in sim.state.species.items():
             found, frame = exact(sim, kind)

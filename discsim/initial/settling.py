@@ -17,7 +17,7 @@ from pydantic import Field
 
 from discsim.initial import joined, populations, random_stream
 from discsim.initial.base import Places, Start
-from discsim.initial.measure import ErrorMeasure
+from discsim.initial.measure import ErrorMeasure, Simulated
 from discsim.numerics.operators import accelerate
 from discsim.parts import LAWS, Lazy
 from discsim.scene.fields import Default, Density, Length, Table
@@ -226,7 +226,7 @@ def measure(scene: Scene) -> ErrorMeasure | None:
         return None
     from discsim.exact import settling  # imports scipy
 
-    def errors(sim: Any) -> dict[str, float]:
+    def errors(sim: Simulated) -> dict[str, float]:
         given: Any = scene
         start = particles(scene)["dust"]["pos"][:, 0]
         time, frequency = known(given.drag), given.external.vertical_frequency

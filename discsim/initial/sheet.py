@@ -9,12 +9,11 @@ from pydantic import Field
 
 from discsim.initial.base import Arrays, Places, Start
 from discsim.initial.lattice import everywhere, stretch, uniform
-from discsim.initial.measure import ErrorMeasure
+from discsim.initial.measure import ErrorMeasure, Simulated
 from discsim.physics.eos import eos_of
 from discsim.scene.fields import Count, Number, SurfaceDensity, Table
 
 if TYPE_CHECKING:
-    from discsim.run.simulation import Simulation
     from discsim.scene import Scene
 
 
@@ -50,7 +49,7 @@ def measure(scene: Scene) -> ErrorMeasure | None:
         return None
     from discsim.exact import sheet  # imports scipy
 
-    def errors(sim: Simulation) -> dict[str, float]:
+    def errors(sim: Simulated) -> dict[str, float]:
         start, gravity = scene.initial, scene.self_gravity
         k = 2.0 * np.pi * start.wavenumber / scene.space.size[0]
         pull = (start.surface_density, scene.gas.eos.sound_speed) + ((gravity.softening,) if gravity else (0.0, 0.0))

@@ -13,13 +13,12 @@ from pydantic import Field
 
 from discsim.initial import joined, populations
 from discsim.initial.base import Array, Arrays, Curve, Places, Start
-from discsim.initial.measure import ErrorMeasure, velocity_errors
+from discsim.initial.measure import ErrorMeasure, Simulated, velocity_errors
 from discsim.parts import Lazy
 from discsim.physics.eos import eos_of
 from discsim.scene.fields import Measure, Table, Velocity, Words
 
 if TYPE_CHECKING:
-    from discsim.run.simulation import Simulation
     from discsim.scene import Scene
 
 smoothing = Lazy("discsim.kernels.sph.smoothing")  # slow to import
@@ -110,7 +109,7 @@ def measure(scene: Scene) -> ErrorMeasure | None:
         return None
     from discsim.exact import dustyshock  # imports scipy
 
-    def exact(sim: Simulation, kind: str) -> tuple[Array, Array | float]:
+    def exact(sim: Simulated, kind: str) -> tuple[Array, Array | float]:
         start = scene.initial
         ratio = scene.dust[0].ratio if scene.dust else 0.0
         x = sim.state.species[kind].pos[:, 0]

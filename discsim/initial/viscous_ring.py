@@ -15,12 +15,11 @@ from pydantic import Field
 from discsim.exact import spreading_ring
 from discsim.initial import balance, disc, rings
 from discsim.initial.base import Array, Curve, Places, Start
-from discsim.initial.measure import ErrorMeasure
+from discsim.initial.measure import ErrorMeasure, Simulated
 from discsim.physics import profile, viscosity
 from discsim.scene.fields import Length, Mass, Number
 
 if TYPE_CHECKING:
-    from discsim.run.simulation import Simulation
     from discsim.scene import Scene
     from discsim.scene.rules import Draft, Problem
 
@@ -98,7 +97,7 @@ def measure(scene: Scene) -> ErrorMeasure | None:
     if nu is None or scene.dust:
         return None
 
-    def errors(sim: Simulation) -> dict[str, float]:
+    def errors(sim: Simulated) -> dict[str, float]:
         start: Any = scene.initial
         r = np.sqrt((sim.gas.pos**2).sum(axis=1))
         edges = np.linspace(0.2, 2.0, BINS + 1) * start.radius

@@ -10,11 +10,10 @@ from pydantic import Field
 from discsim.exact import gresho
 from discsim.initial.base import Array, Arrays, Curve, Places, Start
 from discsim.initial.lattice import everywhere, uniform
-from discsim.initial.measure import ErrorMeasure
+from discsim.initial.measure import ErrorMeasure, Simulated
 from discsim.scene.fields import Density, Length, Table, Velocity, VelocityVector
 
 if TYPE_CHECKING:
-    from discsim.run.simulation import Simulation
     from discsim.scene import Scene
 
 
@@ -56,7 +55,7 @@ def measure(scene: Scene) -> ErrorMeasure | None:
     if scene.dust:
         return None
 
-    def errors(sim: Simulation) -> dict[str, float]:
+    def errors(sim: Simulated) -> dict[str, float]:
         start, size = scene.initial, np.array(scene.space.size)
         frame = np.array(start.velocity)
         away = (sim.gas.pos - 0.5 * size - frame * sim.time + 0.5 * size) % size - 0.5 * size

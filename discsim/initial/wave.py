@@ -13,13 +13,12 @@ from pydantic import BeforeValidator, Field, ValidationInfo
 
 from discsim.initial.base import Array, Arrays, Curve, Places, Start
 from discsim.initial.lattice import everywhere, stretch, uniform
-from discsim.initial.measure import ErrorMeasure, velocity_errors
+from discsim.initial.measure import ErrorMeasure, Simulated, velocity_errors
 from discsim.parts import LAWS
 from discsim.physics.eos import eos_of
 from discsim.scene.fields import Count, Measure, Number, Table, VelocityVector, units_of
 
 if TYPE_CHECKING:
-    from discsim.run.simulation import Simulation
     from discsim.scene import Scene
     from discsim.scene.rules import Draft, Problem
 
@@ -77,7 +76,7 @@ def measure(scene: Scene) -> ErrorMeasure | None:
         return None
     from discsim.exact import dustywave  # imports scipy
 
-    def exact(sim: Simulation, kind: str) -> tuple[Array, Array | float]:
+    def exact(sim: Simulated, kind: str) -> tuple[Array, Array | float]:
         start, sound = scene.initial, scene.gas.eos.sound_speed
         size = np.array(scene.space.size)
         wavevector = start.wavenumber * np.array(start.direction) / size
