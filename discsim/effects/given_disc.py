@@ -22,10 +22,10 @@ from discsim.numerics.state import State
 from discsim.numerics.threads import parallel_for
 from discsim.parts import EOS, Lazy
 from discsim.physics.centre import central_mass
-from discsim.physics.columns import ColumnsFile
 from discsim.physics.given_disc import GivenDisc
 from discsim.physics.laws import SceneLaw
 from discsim.physics.radiation import pull_share
+from discsim.scene.columns import ColumnsFile
 from discsim.scene.fields import Length, Number, SurfaceDensity, Table, kinds_of
 from discsim.scene.rules import Draft, Problem
 

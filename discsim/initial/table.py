@@ -1,5 +1,5 @@
 """A disc whose Sigma(r) and, optionally, T(r), dust-to-gas ratio and resolution are columns of a file
-(`physics/columns.py`).
+(`scene/columns.py`).
 
 Particles are on rings (`rings.py`) from the first to the last radius of the file; the resolution is the number of gas
 particles per mass, up to a factor. They rotate in balance (`balance.py`) with the pressure force
@@ -23,8 +23,8 @@ from discsim.initial.own import MASSES
 from discsim.parts import EOS
 from discsim.physics import profile
 from discsim.physics.centre import kepler_omega
-from discsim.physics.columns import ColumnsFile
 from discsim.physics.eos import eos_of
+from discsim.scene.columns import ColumnsFile
 from discsim.scene.fields import Length
 
 if TYPE_CHECKING:

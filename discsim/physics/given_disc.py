@@ -1,6 +1,6 @@
 """The gas of `[background]` as functions of radius, in balance about the star. Numpy only.
 
-Sigma is a power law or a column of a file (`physics/columns.py`), times 1 + height G(r) of a bump and 1 - depth G(r) of
+Sigma is a power law or a column of a file (`scene/columns.py`), times 1 + height G(r) of a bump and 1 - depth G(r) of
 a gap, G(r) = exp(-(r - radius)^2 / (2 width^2)). With [alpha_viscosity] the gas moves radially by its viscosity.
 """
 
