@@ -100,7 +100,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         files = sorted((given.directory / "snapshots").glob("*.h5"))
         if not files:
-            raise InputError(f"{given.directory}: no snapshots here; expected the output directory of a run")
+            raise InputError(f"{given.directory}: no snapshots found; expected the output directory of a run")
         run = [read_snapshot(file) for file in files]
         if run[0].dimensions != 2 or run[0].gas is None:
             raise InputError(f"{given.directory}: no gas in two dimensions here; expected the run of a disc")

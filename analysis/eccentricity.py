@@ -86,7 +86,7 @@ def main(arguments: list[str] | None = None) -> int:
         scene = load_scene(given.directory / "scene.toml")
         files = sorted((given.directory / "snapshots").glob("*.h5"))
         if not files:
-            raise InputError(f"{given.directory}: no snapshots here; expected the output directory of a run")
+            raise InputError(f"{given.directory}: no snapshots found; expected the output directory of a run")
         modes = [mode_of(file, scene, given.inner, given.outer) for file in files]
     except (InputError, SceneError, SnapshotError, OSError) as error:
         print(f"eccentricity: {error}", file=sys.stderr)

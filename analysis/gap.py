@@ -56,7 +56,7 @@ def snapshots_of(directory: Path) -> list[Path]:
     """Snapshots of a run, in order. Raises InputError."""
     files = sorted((directory / "snapshots").glob("*.h5"))
     if not files:
-        raise InputError(f"{directory}: no snapshots here; expected the output directory of a run")
+        raise InputError(f"{directory}: no snapshots found; expected the output directory of a run")
     return files
 
 

@@ -42,7 +42,7 @@ def snapshots(directory: Path) -> list[Snapshot]:
     """The snapshots of a run, all with dust in two dimensions. Raises InputError."""
     files = sorted((directory / "snapshots").glob("*.h5"))
     if not files:
-        raise InputError(f"{directory}: no snapshots here; expected the output directory of a run")
+        raise InputError(f"{directory}: no snapshots found; expected the output directory of a run")
     found = [read_snapshot(file) for file in files]
     if found[0].dimensions != 2 or found[0].dust is None:
         raise InputError(f"{directory}: no dust in two dimensions here; expected the run of a dusty disc")

@@ -137,7 +137,7 @@ def figure(found: list[Rings], edges: np.ndarray, wanted: float | None) -> Figur
 def read(directory: Path) -> list[Snapshot]:
     files = sorted((directory / "snapshots").glob("*.h5"))
     if not files:
-        raise InputError(f"{directory}: no snapshots here; expected the output directory of a run")
+        raise InputError(f"{directory}: no snapshots found; expected the output directory of a run")
     run = [read_snapshot(file) for file in files]
     if run[0].gas is None or run[0].dimensions != 2 or "self_gravity" not in run[0].tables:
         raise InputError(f"{directory}: no self-gravitating gas in two dimensions; expected a disc with [self_gravity]")

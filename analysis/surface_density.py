@@ -39,7 +39,7 @@ class Run:
     def __init__(self, directory: Path, rings: int) -> None:
         files = sorted((directory / "snapshots").glob("*.h5"))
         if not files:
-            raise InputError(f"{directory}: no snapshots here; expected the output directory of a run")
+            raise InputError(f"{directory}: no snapshots found; expected the output directory of a run")
         self.name = directory.resolve().name
         self.last = read_snapshot(files[-1])
         if self.last.dimensions != 2:

@@ -45,8 +45,8 @@ class Parts(Mapping[str, Any]):
         for point in of_packages().select(group=self.group):
             if found.get(point.name, point.value) != point.value:
                 raise PartError(
-                    f'{self.group}: "{point.name}" is {found[point.name]}, and {point.value} of another package too; '
-                    "expected different names, or that package to be uninstalled"
+                    f'{self.group}: "{point.name}" is {found[point.name]}, and also {point.value} of another package; '
+                    "expected different names, or that package uninstalled"
                 )
             found[point.name] = point.value
         return found
@@ -65,12 +65,12 @@ class Parts(Mapping[str, Any]):
             wrong = f"{type(error).__name__}: {error}"
             raise PartError(
                 f'{self.group}: "{name}" of another package cannot be imported from {home}: {wrong}; '
-                "expected that package to be mended or uninstalled"
+                "expected that package repaired or uninstalled"
             ) from error
         if lacks := [attribute for attribute in self._has if not hasattr(found, attribute)]:
             raise PartError(
                 f'{self.group}: "{name}" of another package, {home}, has no {lacks[0]}; '
-                "expected an object as the recipes have it, or that package to be uninstalled"
+                "expected an object as in the recipes, or that package uninstalled"
             )
         return found
 

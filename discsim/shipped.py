@@ -80,7 +80,7 @@ def setup(name: str) -> Setup:
     """Return the shipped setup `name`. Raises ShippedError with the nearest name."""
     known = setups()
     if name not in known:
-        raise ShippedError(f"{name}: discsim comes with no setup of that name{_hint(name, known)}")
+        raise ShippedError(f"{name}: unknown setup{_hint(name, known)}")
     return known[name]
 
 
@@ -100,9 +100,9 @@ def scene_file(given: Path) -> Path:
         return known[given.name].path
     if os.path.lexists(given):
         return given  # a directory or an unreadable file: loading the scene gives the message
-    expected = "there is no such file; expected a scene, a TOML file"
+    expected = "file not found; expected a scene file (TOML)"
     if given.stem in known:
-        raise ShippedError(f"{given}: {expected}; the setup that comes with discsim is: {given.stem}")
+        raise ShippedError(f"{given}: {expected}; the setup of this name is: {given.stem}")
     if bare:
         raise ShippedError(f"{given}: {expected}, or the name of a setup{_hint(given.name, known)}")
     return given
@@ -114,7 +114,7 @@ def copy_setup(name: str, path: Path) -> None:
     try:
         file = path.open("xb")
     except FileExistsError:
-        raise ShippedError(f"{path}: is there already; expected the name of a new file") from None
+        raise ShippedError(f"{path}: already exists; expected the name of a new file") from None
     try:
         with file:
             file.write(content)

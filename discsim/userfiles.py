@@ -94,18 +94,18 @@ def system_message(fault: OSError, verb: str, path: Path | str) -> str:
         One line without a full stop at the end.
     """
     if fault.errno in NO_HANDLES:
-        return "too many files are open for this process; expected a higher limit, as by: ulimit -n 1024"
+        return "too many open files in this process; expected a higher limit, for example: ulimit -n 1024"
     reason = (fault.strerror or str(fault)).partition("\n")[0]
     return f"{fault.filename or path}: cannot be {verb}: {reason}"
 
 
 def kind_of(mode: int) -> str:
     """Return the kind of a special file in words, from its mode."""
-    return KINDS.get(stat.S_IFMT(mode), "of an unknown kind")
+    return KINDS.get(stat.S_IFMT(mode), "a file of unknown type")
 
 
 def _refuse_odd(mode: int, path: str | os.PathLike[str]) -> None:
     if stat.S_ISDIR(mode):
-        raise IsADirectoryError(errno.EISDIR, "is a directory, no plain file", str(path))
+        raise IsADirectoryError(errno.EISDIR, "is a directory, not a plain file", str(path))
     if not stat.S_ISREG(mode):
-        raise OSError(errno.EINVAL, f"is {kind_of(mode)}, no plain file", str(path))
+        raise OSError(errno.EINVAL, f"is {kind_of(mode)}, not a plain file", str(path))

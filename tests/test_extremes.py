@@ -58,34 +58,37 @@ def nested(depth):
 DUST = {"particles": 50, "ratio": 0.1}
 REFUSED = {
     "snapshots": (wave(run={"snapshots": 1e9}), "run.snapshots: 1000000000.0 is out of range; expected at most 1e+06"),
-    "every": (wave(run={"every": 1e-9}), "run.every: makes 1e+08 snapshots until run.until; expected 1e+06 at most"),
+    "every": (wave(run={"every": 1e-9}), "run.every: gives 1e+08 snapshots until run.until; expected at most 1e+06"),
     "deep": (wave(gas=nested(3000)), "gas.x.x.x.x.x.x.x.x: nested too deeply"),
-    "steep": (disc({"surface_density_index": 1e12}), "initial.surface_density_index: 1e+12 takes powers of the radius"),
+    "steep": (disc({"surface_density_index": 1e12}), "initial.surface_density_index: 1e+12 gives powers of the radius"),
     "steep and warm": (
         disc(gas={"eos": {"kind": "locally-isothermal", "aspect_ratio": 0.1, "temperature_index": -1e9}}),
-        "gas.eos.temperature_index: -1e+09 takes powers of the radius"),
+        "gas.eos.temperature_index: -1e+09 gives powers of the radius"),
     "huge": (disc({"mass": 1e99}), "initial.mass: 1e+99 is out of range; expected 0, or a size from 1e-60 to 1e+60 in"),
     "many digits": (wave(gas={"particles": 10**5000}), "gas.particles: inf is not a finite number"),
     "gamma of 1": (
-        disc(gas=polytrope(1)), 'gas.eos.gamma: 1 is isothermal gas; expected kind = "isothermal" with sound_speed'),
+        disc(gas=polytrope(1)), 'gas.eos.gamma: gamma = 1 is isothermal gas; expected kind = "isothermal" with '
+                                'sound_speed'),
     "gamma of 1e3": (disc(gas=polytrope(1e3)), "gas.eos.gamma: 1000.0 is out of range; expected at most 100"),
     "Q of gamma = 3": (
-        disc({"toomre_q": 2.0, "mass": None}, polytrope(3)), "initial.toomre_q: Q does not depend on the mass of a"),
-    "dust beyond": (disc(dust=DUST | {"inner": 2.0}), "dust.inner: beyond the disc, where there is no gas"),
-    "dust in the hole": (disc(dust=DUST | {"outer": 0.9}), "dust.outer: in the disc's hole, where there is no gas"),
+        disc({"toomre_q": 2.0, "mass": None}, polytrope(3)), "initial.toomre_q: Toomre Q of a polytropic disc"),
+    "dust beyond": (disc(dust=DUST | {"inner": 2.0}), "dust.inner: there is no gas outside the disc"),
+    "dust in the hole": (disc(dust=DUST | {"outer": 0.9}), "dust.outer: there is no gas inside the inner edge"),
     "tapers": (
         disc({"inner_taper": 0.3, "outer_taper": 0.8}),
-        "initial.outer_taper: the tapers are 1.1 times as wide as the disc; expected 1 at most"),
+        "initial.outer_taper: the tapers are 1.1 times as wide as the disc; expected at most 1"),
     "wave": (wave(amplitude=1), "initial.amplitude: 1 is out of range; expected less than 1"),
     "trough": (wave(amplitude=-1.5), "initial.amplitude: -1.5 is out of range; expected more than -1"),
     "steps beyond all": (wave(run={"courant": 1e9}), "run.courant: 1000000000.0 is out of range; expected at most 100"),
     "all are neighbours": (wave({"eta": 1e9}), "gas.eta: 1000000000.0 is out of range; expected at most 30"),
     "wider than space": (
-        wave({"smoothing_length": 7.0}), "gas.smoothing_length: 7 times as long as space.size; expected at most twice"),
+        wave({"smoothing_length": 7.0}), "gas.smoothing_length: 7 times space.size; expected at most 2 times"),
     "lone particles": (
         wave({"kernel": "quintic-h", "eta": 1.4}), 'gas.eta: 1.4 leaves a particle of kernel "quintic-h" without'),
-    "layer": (layer(150, 4.0), "gas.particles: too few for a layer that reaches to 4 scale heights*expected 2989"),
-    "thick layer": (layer(150, 40.0), "initial.vertical_extent: a layer 80 scale heights thick has no gas at its ends"),
+    "layer": (layer(150, 4.0), "gas.particles: too few particles for a layer that reaches to 4 scale "
+                               "heights*expected at least 2989"),
+    "thick layer": (layer(150, 40.0), "initial.vertical_extent: a layer 80 scale heights thick has practically "
+                                      "no gas at its ends"),
 }  # fmt: skip
 
 
@@ -214,7 +217,7 @@ def test_explicit_drag_without_end_is_told(scheme):
         "dust": {"particles": 100, "ratio": 1.0},
         "drag": {"law": "stopping-time", "t_stop": 1e-12, "scheme": scheme, "direction": "one-way"},
     }
-    with pytest.raises(PhysicsError, match=rf'"{scheme}" would make [\de.+]+ explicit steps .* like "tsc"'):
+    with pytest.raises(PhysicsError, match=rf'"{scheme}" would need [\de.+]+ explicit substeps .* like "tsc"'):
         Simulation(tables).step()
 
 

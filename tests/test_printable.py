@@ -63,7 +63,7 @@ def test_text_in_another_encoding_is_one_message(tmp_path):
     with pytest.raises(SceneError) as fault:
         load_scene(tmp_path / "a.toml", ["title=Stra\udcdfe"])
     (problem,) = fault.value.problems
-    assert 'Stra\\udcdf" is no text of Unicode; expected one in UTF-8' in problem
+    assert 'Stra\\udcdf" is not valid Unicode; expected UTF-8 text' in problem
 
 
 def test_a_title_is_printable_in_a_notebook():

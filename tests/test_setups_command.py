@@ -100,7 +100,7 @@ def test_a_copy_replaces_nothing(work):
     (work / "folder").mkdir()
     (work / "link.toml").symlink_to(work / "nowhere")
     for name in ("my.toml", "folder", "link.toml"):
-        assert refused("new", "disc", name) == f"{name}: is there already; expected the name of a new file"
+        assert refused("new", "disc", name) == f"{name}: already exists; expected the name of a new file"
     assert (work / "my.toml").read_text() == "mine"
 
 
@@ -120,10 +120,8 @@ def test_a_copy_that_cannot_be_written_leaves_nothing():
 
 
 def test_a_copy_of_an_unknown_setup():
-    assert refused("new", "dusty-bx") == (
-        'dusty-bx: discsim comes with no setup of that name; did you mean "dusty_box"?'
-    )
-    assert refused("new", "xyz") == "xyz: discsim comes with no setup of that name; `discsim setups` lists them"
+    assert refused("new", "dusty-bx") == ('dusty-bx: unknown setup; did you mean "dusty_box"?')
+    assert refused("new", "xyz") == "xyz: unknown setup; `discsim setups` lists them"
 
 
 @pytest.mark.parametrize(
@@ -149,15 +147,15 @@ def test_a_file_always_wins(work, loaded):
 
 @pytest.mark.parametrize("verb", ["run", "check"])
 def test_a_scene_that_is_not_there(verb, work):
-    expected = "there is no such file; expected a scene, a TOML file"
+    expected = "file not found; expected a scene file (TOML)"
     assert refused(verb, "dusty_bix") == f'dusty_bix: {expected}, or the name of a setup; did you mean "dusty_box"?'
     assert refused(verb, "xyz") == f"xyz: {expected}, or the name of a setup; `discsim setups` lists them"
     of_clone = refused(verb, "setups/dusty_box.toml")
-    assert of_clone == f"setups/dusty_box.toml: {expected}; the setup that comes with discsim is: dusty_box"
+    assert of_clone == f"setups/dusty_box.toml: {expected}; the setup of this name is: dusty_box"
     assert refused(verb, "no.toml") == f"no.toml: {expected}"
     assert "expected a scene" in refused(verb, "x" * 300)
     (work / "folder").mkdir()
-    assert refused(verb, "folder") == "folder: is a directory; expected a scene, a TOML file"
+    assert refused(verb, "folder") == "folder: is a directory; expected a scene file (TOML)"
 
 
 def test_a_setup_runs_by_its_name_and_what_it_leaves_says_which_version_wrote_it(work):

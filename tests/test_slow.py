@@ -37,7 +37,7 @@ def test_jeans_sheet(sound_speed, exact, until):
 
 
 def test_disc_keeps_its_mass_and_angular_momentum():
-    """The main job with a tenth of the particles: what is left and what the star took close."""
+    """The main job with a tenth of the particles: what is left and accretion by the star close."""
     small = ["gas.particles=10000", "dust.particles=20000", "space.cells=128", 'run.until="300 yr"']
     sim = Simulation(load_scene("setups/dusty_disc.toml", small))
 

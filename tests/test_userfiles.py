@@ -24,7 +24,7 @@ def fifo(tmp_path):
 
 def test_a_fifo_is_never_waited_for(fifo):
     for read in (open_plain, read_plain, read_text):
-        with pytest.raises(OSError, match="is a FIFO, no plain file"):
+        with pytest.raises(OSError, match="is a FIFO, not a plain file"):
             read(fifo)
 
 
@@ -32,7 +32,7 @@ def test_a_socket_and_a_directory_are_no_plain_files(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)  # names of sockets are short
     with socket.socket(socket.AF_UNIX) as made:
         made.bind("socket")
-        with pytest.raises(OSError, match="is a socket, no plain file"):
+        with pytest.raises(OSError, match="is a socket, not a plain file"):
             read_plain("socket")
     with pytest.raises(IsADirectoryError, match="is a directory"):
         read_plain(tmp_path)
@@ -49,7 +49,7 @@ def test_a_larger_file_than_expected_is_not_read(tmp_path):
 def test_too_few_file_handles_are_not_blamed_on_a_file():
     for number in (errno.EMFILE, errno.ENFILE):
         words = system_message(OSError(number, os.strerror(number), "a.csv"), "written", "b")
-        assert words.startswith("too many files are open") and "a.csv" not in words
+        assert words.startswith("too many open files") and "a.csv" not in words
     full = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
     assert system_message(full, "written", "b") == "b: cannot be written: No space left on device"
 
@@ -65,12 +65,12 @@ def problem_of(name, folder):
 @pytest.mark.parametrize("kind", ["table", "snapshot"])
 def test_a_start_from_a_fifo_is_one_message(fifo, kind):
     scene = {**SCENE, "initial": {"kind": kind, "file": "fifo"}}
-    with pytest.raises(SceneError, match=r'initial\.file: "fifo": .*/fifo: is a FIFO, no plain file'):
+    with pytest.raises(SceneError, match=r'initial\.file: "fifo": .*/fifo: is a FIFO, not a plain file'):
         load_scene(scene, folder=fifo.parent)
 
 
 def test_a_scene_in_a_fifo_is_one_message(fifo):
-    with pytest.raises(SceneError, match="fifo: cannot be read: is a FIFO, no plain file"):
+    with pytest.raises(SceneError, match="fifo: cannot be read: is a FIFO, not a plain file"):
         load_scene(fifo)
 
 
@@ -90,9 +90,9 @@ def test_nothing_is_shown_of_a_file_that_is_no_table(tmp_path):
     for text in ("secret words of a diary\n1 2\n", "user:x:0:0:secret\n", "secret\n", "1.5 secret"):
         (tmp_path / "a.txt").write_text(text)
         problem = problem_of("a.txt", tmp_path)
-        assert "secret" not in problem and "a.txt:1: no header of a table; expected a header" in problem
+        assert "secret" not in problem and "a.txt:1: not a table header; expected a header" in problem
 
 
 @pytest.mark.parametrize("name", ["~no-such-user-of-this-machine/a.txt", "a\0b", "x" * 5000])
 def test_a_name_that_no_file_can_have(tmp_path, name):
-    assert "expected a file, relative to the scene's" in problem_of(name, tmp_path)
+    assert "expected a readable file; its path is relative to the scene file" in problem_of(name, tmp_path)

@@ -69,7 +69,8 @@ WithoutOption = Annotated[list[str] | None, typer.Option(metavar="TABLE", help="
 VaryOption = Annotated[
     list[str] | None,
     typer.Option(
-        metavar="TABLE.KEY=A,B,...", help="Values of a key; of several at once: A.X,B.Y=1,2 or A.X,B.Y=1:5,2:6."
+        metavar="TABLE.KEY=A,B,...",
+        help="Values of one key, or of several keys that change together: A.X,B.Y=1,2 or A.X,B.Y=1:5,2:6.",
     ),
 ]
 

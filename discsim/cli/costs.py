@@ -17,7 +17,9 @@ NOT_REACHED = 4
 
 ReferenceOption = Annotated[
     list[str] | None,
-    typer.Option(metavar="TABLE.KEY=VALUE", help="Of the finer run, without an exact solution [2 x particles]."),
+    typer.Option(
+        metavar="TABLE.KEY=VALUE", help="Setting of the reference run, if there is no exact solution [2 x particles]."
+    ),
 ]
 
 
@@ -26,23 +28,29 @@ def cost(
     scene: SceneArgument,
     error: Annotated[
         str | None,
-        typer.Option(metavar="E", help='Find the cheapest setting with this error: "1%", or "scene" for its own.'),
+        typer.Option(
+            metavar="E", help='Find the cheapest setting with this error: "1%", or "scene" for that of the scene.'
+        ),
     ] = None,
     vary: VaryOption = None,
     output: Annotated[
         Path | None,
-        typer.Option("-o", "--output", metavar="DIR", help="Directory of table and figure [runs/<name>-cost]."),
+        typer.Option("-o", "--output", metavar="DIR", help="Directory of the table and figure [runs/<name>-cost]."),
     ] = None,
-    budget: Annotated[str, typer.Option(metavar="T", help="Wall-clock time that a search may take.")] = "1 h",
+    budget: Annotated[str, typer.Option(metavar="T", help="Wall-clock limit of a search.")] = "1 h",
     measure: Annotated[
-        str | None, typer.Option(metavar="NAME", help="What the error is of, like exact, dust-profile, gas-modes.")
+        str | None, typer.Option(metavar="NAME", help="Error measure, like exact, dust-profile, gas-modes.")
     ] = None,
     reference: ReferenceOption = None,
     keep: Annotated[
-        list[str] | None, typer.Option(metavar="TABLE.KEY", help="A key that a search leaves alone.")
+        list[str] | None, typer.Option(metavar="TABLE.KEY", help="Key that a search does not change.")
     ] = None,
-    repeat: Annotated[int | None, typer.Option(min=1, help="Runs of each [1]; of a search's finalists [3].")] = None,
-    parallel: Annotated[int, typer.Option(min=1, help="Runs at a time; more than one makes them slower.")] = 1,
+    repeat: Annotated[
+        int | None, typer.Option(min=1, help="Runs per setting [1]; per finalist of a search [3].")
+    ] = None,
+    parallel: Annotated[
+        int, typer.Option(min=1, help="Number of simultaneous runs; with more than one, each is slower.")
+    ] = 1,
     settings: SetOption = None,
     without: WithoutOption = None,
 ) -> None:
@@ -79,14 +87,14 @@ def cost(
     except (SceneError, StudyError, DirectoryError) as wrong:
         refuse(str(wrong))
     except KeyboardInterrupt:
-        refuse(f"interrupted; the same command goes on with the runs in {directory}", INTERRUPTED)
+        refuse(f"interrupted; repeat the command to continue with the runs in {directory}", INTERRUPTED)
     if not reached:
         raise SystemExit(NOT_REACHED)
 
 
 def _refuse_without_error(vary: list[str] | None, given: Mapping[str, object]) -> None:
     if not vary:
-        refuse("nothing to find; expected --error 1%, the cheapest setting for it, or --vary with values of a key")
+        refuse("nothing to do; expected --error 1% for the cheapest setting, or --vary with values of a key")
     for name, value in given.items():
         if value:
-            refuse(f"{name}: goes with --error; expected that, or no {name}")
+            refuse(f"{name}: used only with --error; expected --error too, or no {name}")

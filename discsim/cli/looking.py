@@ -14,14 +14,16 @@ from discsim.cli.base import INTERRUPTED, NOT_WRITTEN, app, refuse, tell
 from discsim.userfiles import system_message
 
 WindowOption = Annotated[
-    str | None, typer.Option(metavar="R", help='Part to show: "50 au", "10 au,50 au" in radius, "X,Y,R" on a map.')
+    str | None, typer.Option(metavar="R", help='Region to show: "50 au", "10 au,50 au" in radius, "X,Y,R" on a map.')
 ]
 DistanceOption = Annotated[
-    str | None, typer.Option(metavar="D", help='For angles in arcsec and fluxes, like "140 pc".')
+    str | None, typer.Option(metavar="D", help='Distance of the disc, for angles in arcsec and fluxes, like "140 pc".')
 ]
-WavelengthOption = Annotated[str | None, typer.Option(metavar="L", help="Of emission and optical_depth [1.3 mm].")]
+WavelengthOption = Annotated[
+    str | None, typer.Option(metavar="L", help="Wavelength for emission and optical_depth [1.3 mm].")
+]
 OpacityOption = Annotated[
-    str | None, typer.Option(metavar="K", help='Per gram of dust, like "2 cm2/g" [10 cm2/g (nu / THz)].')
+    str | None, typer.Option(metavar="K", help='Opacity per gram of dust, like "2 cm2/g" [10 cm2/g (nu / THz)].')
 ]
 
 
@@ -29,7 +31,7 @@ OpacityOption = Annotated[
 def report(
     directory: Annotated[Path, typer.Argument(help="Directory of a run.", metavar="DIR")],
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="FILE", help="The page [DIR/report.html].")
+        Path | None, typer.Option("-o", "--output", metavar="FILE", help="HTML file [DIR/report.html].")
     ] = None,
 ) -> None:
     """Write a page of a run, for a browser or for paper. It has pictures, conservation, cost, effects and the scene."""
@@ -45,7 +47,7 @@ def report(
         refuse(str(wrong))
     except OSError as error:
         refuse(system_message(error, "read or written", path), NOT_WRITTEN)
-    tell(f"{path}: a page of the run in {directory}")
+    tell(f"{path}: report of the run in {directory}")
 
 
 @app.command()
@@ -56,24 +58,28 @@ def plot(
     field: Annotated[
         str | None, typer.Option(metavar="NAME,...", help="Fields, like toomre_q or dust.v_r [surface_density].")
     ] = None,
-    fields: Annotated[bool, typer.Option("--fields", help="List the fields: units and equations.")] = False,
-    profile: Annotated[bool, typer.Option("--profile", help="Against radius, in place of maps.")] = False,
-    polar: Annotated[bool, typer.Option("--polar", help="In angle and radius.")] = False,
-    time: Annotated[bool, typer.Option("--time", help="In radius and time, of all snapshots.")] = False,
+    fields: Annotated[bool, typer.Option("--fields", help="List the fields with units and equations.")] = False,
+    profile: Annotated[bool, typer.Option("--profile", help="Draw radial profiles instead of maps.")] = False,
+    polar: Annotated[bool, typer.Option("--polar", help="Draw in angle and radius.")] = False,
+    time: Annotated[bool, typer.Option("--time", help="Draw in radius and time, from all snapshots.")] = False,
     against: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Particles over this field, like radius, and --field.")
+        str | None,
+        typer.Option(metavar="NAME", help="Draw particles in the plane of this field, like radius, and --field."),
     ] = None,
     at: Annotated[
-        list[str] | None, typer.Option(metavar="T", help='The snapshot nearest to "700 yr" [the last].')
+        list[str] | None,
+        typer.Option(metavar="T", help='Time of the snapshot, like "700 yr"; the nearest is drawn [the last].'),
     ] = None,
-    compare: Annotated[Path | None, typer.Option(metavar="DIR|FILE", help="What it has over the first.")] = None,
+    compare: Annotated[
+        Path | None, typer.Option(metavar="DIR|FILE", help="Draw ratio or difference of this run to the first.")
+    ] = None,
     window: WindowOption = None,
-    limits: Annotated[str | None, typer.Option("--range", metavar="LOW,HIGH", help="Of colours or axis.")] = None,
+    limits: Annotated[str | None, typer.Option("--range", metavar="LOW,HIGH", help="Range of colours or axis.")] = None,
     distance: DistanceOption = None,
     wavelength: WavelengthOption = None,
     opacity: OpacityOption = None,
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="FILE", help="png, pdf or svg [DIR/plots/...png].")
+        Path | None, typer.Option("-o", "--output", metavar="FILE", help="Figure: png, pdf or svg [DIR/plots/...png].")
     ] = None,
 ) -> None:
     """Draw a run or snapshots: maps, profiles, fields in time."""
@@ -86,7 +92,9 @@ def plot(
     given = [name for name, there in kinds.items() if there]
     if not sources or len(given) > 1:
         refuse(
-            "no run to draw; expected DIR or FILE" if not sources else f"{' and '.join(given)}: expected one of them"
+            "no run to draw; expected DIR or FILE"
+            if not sources
+            else f"{' and '.join(given)}: expected only one of them"
         )
     from discsim.output.fields.look import look_of
     from discsim.plot.request import Request, save, usual_path
@@ -114,15 +122,15 @@ def plot(
 def movie(
     source: Annotated[Path, typer.Argument(metavar="DIR", help="Directory of a run.")],
     field: Annotated[str | None, typer.Option(metavar="NAME,...", help="Fields [surface_density].")] = None,
-    polar: Annotated[bool, typer.Option("--polar", help="In angle and radius.")] = False,
-    rate: Annotated[float, typer.Option(min=0.1, max=100.0, help="Snapshots a second.")] = 10.0,
+    polar: Annotated[bool, typer.Option("--polar", help="Draw in angle and radius.")] = False,
+    rate: Annotated[float, typer.Option(min=0.1, max=100.0, help="Snapshots per second.")] = 10.0,
     window: WindowOption = None,
-    limits: Annotated[str | None, typer.Option("--range", metavar="LOW,HIGH", help="Of colours.")] = None,
+    limits: Annotated[str | None, typer.Option("--range", metavar="LOW,HIGH", help="Range of colours.")] = None,
     distance: DistanceOption = None,
     wavelength: WavelengthOption = None,
     opacity: OpacityOption = None,
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="FILE", help="mp4 or gif [DIR/plots/...].")
+        Path | None, typer.Option("-o", "--output", metavar="FILE", help="Film: mp4 or gif [DIR/plots/...].")
     ] = None,
 ) -> None:
     """Make a film of a run, a frame a snapshot."""
@@ -171,4 +179,4 @@ def _drawn(make: Callable[[], Path]) -> Path:
     except OSError as error:
         refuse(system_message(error, "written", "the figure"), NOT_WRITTEN)
     except KeyboardInterrupt:
-        refuse("interrupted; nothing was written", INTERRUPTED)
+        refuse("interrupted; no file was written", INTERRUPTED)

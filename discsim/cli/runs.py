@@ -39,9 +39,9 @@ def run(
     settings: SetOption = None,
     without: WithoutOption = None,
     until: Annotated[str | None, typer.Option(metavar="T", help='End time, as in run.until: "100 yr".')] = None,
-    threads: Annotated[int | None, typer.Option(min=1, help="Threads; results do not depend on it.")] = None,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on from the checkpoint in DIR.")] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", help="No progress.")] = False,
+    threads: Annotated[int | None, typer.Option(min=1, help="Number of threads; results do not depend on it.")] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Resume from the checkpoint in DIR.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Do not show progress.")] = False,
 ) -> None:
     """Run a scene."""
     from discsim.scene.overrides import Option
@@ -77,15 +77,17 @@ def _on_ranks(scene: Scene, directory: Path, resume: bool, quiet: bool) -> int:
 @app.command()
 def branch(
     directory: Annotated[Path, typer.Argument(help="Directory of a run.", metavar="DIR")],
-    at: Annotated[int | None, typer.Option(min=0, metavar="NUMBER", help="Of the snapshot [the last].")] = None,
+    at: Annotated[int | None, typer.Option(min=0, metavar="NUMBER", help="Number of the snapshot [the last].")] = None,
     output: Annotated[
         Path | None, typer.Option("-o", "--output", metavar="DIR", help="Directory of the new run [DIR-NUMBER].")
     ] = None,
     settings: SetOption = None,
     without: WithoutOption = None,
     until: Annotated[str | None, typer.Option(metavar="T", help='End time, as in run.until: "100 yr".')] = None,
-    preview: Annotated[bool, typer.Option("--check", help="Say what changes, as `check` does, and stop.")] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", help="No progress.")] = False,
+    preview: Annotated[
+        bool, typer.Option("--check", help="Print the changes and the output of `check`, and stop.")
+    ] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Do not show progress.")] = False,
 ) -> None:
     """Start a new run from a snapshot, with other physics. The time goes on."""
     from discsim.run.branch import BranchError
@@ -120,12 +122,12 @@ def sweep(
     vary: VaryOption = None,
     measure: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME", help="What is told of each run, like accreted_dust, dust-r50; several times."),
+        typer.Option(metavar="NAME", help="Result to tabulate, like accreted_dust, dust-r50; may be repeated."),
     ] = None,
     output: Annotated[
         Path | None, typer.Option("-o", "--output", metavar="DIR", help="Directory of the runs [runs/<name>-sweep].")
     ] = None,
-    parallel: Annotated[int, typer.Option(min=1, help="Runs at a time; they share the cores.")] = 1,
+    parallel: Annotated[int, typer.Option(min=1, help="Number of simultaneous runs; they share the cores.")] = 1,
     settings: SetOption = None,
     without: WithoutOption = None,
 ) -> None:
@@ -157,4 +159,4 @@ def sweep(
     except OSError as error:
         refuse(system_message(error, "read or written", directory), NOT_WRITTEN)
     except KeyboardInterrupt:
-        refuse(f"interrupted; the same command goes on with the runs in {directory}", INTERRUPTED)
+        refuse(f"interrupted; repeat the command to continue with the runs in {directory}", INTERRUPTED)

@@ -32,7 +32,7 @@ def setups() -> None:
 
 @app.command()
 def new(
-    name: Annotated[str, typer.Argument(help="Name of a setup, as `discsim setups` lists them.")],
+    name: Annotated[str, typer.Argument(help="Name of a setup from `discsim setups`.")],
     file: Annotated[
         Path | None, typer.Argument(help="New scene file [NAME.toml].", metavar="[FILE.toml]", readable=False)
     ] = None,
@@ -45,7 +45,7 @@ def new(
         refuse(str(error))
     except OSError as error:
         refuse(system_message(error, "written", path), NOT_WRITTEN)
-    tell(f"{path}: a copy of the setup {name}; run it with: discsim run {path}")
+    tell(f"{path}: copy of the setup {name}; run it with: discsim run {path}")
 
 
 @app.command()

@@ -21,9 +21,9 @@ Keys = dict[str, tuple[str, ...]]
 EMPTY, NO_ROWS = np.empty(0), np.empty(0, np.int64)
 
 # Keys of [drag] that have no meaning for a scheme, by the reason.
-NO_CELLS: Keys = {"no such drag cells": ("cell", "cell_length")}
-NO_KERNEL: Keys = {"no kernel of its own": ("kernel",)}
-OWN_INTEGRATION: Keys = {"an integration of its own": ("integration",)}
+NO_CELLS: Keys = {"no drag cells": ("cell", "cell_length")}
+NO_KERNEL: Keys = {"no drag kernel": ("kernel",)}
+OWN_INTEGRATION: Keys = {"a fixed time integration": ("integration",)}
 
 # Arrays of ghosts that a kick reads. With UNSHARED it reads `acc_unshared` in place of `acc`.
 EVERYTHING = ("pos", "vel", "acc", "acc_unshared", "mass", "h", "density", "thermal_speed")

@@ -46,8 +46,8 @@ def _of_slip(scene: Scene, at: Local) -> Iterator[str]:
             where = at.where(int(np.argmax(stokes)))
             which = f"dust.{i}" if len(scene.dust or ()) > 1 else "dust"
             yield (
-                f"{which}: St = {stokes.max():.3g} {where}, above 10, where gas hardly drags: "
-                f"lower the stopping time {stokes.max() / 10:.2g} times, or leave out [drag]"
+                f"{which}: St = {stokes.max():.3g} {where}, above 10, where drag is negligible: "
+                f"shorten the stopping time by a factor of {stokes.max() / 10:.2g}, or leave out [drag]"
             )
 
 
@@ -60,17 +60,17 @@ def _of_wide_cells(scene: Scene, at: Local) -> Iterator[str]:
     worst = int(np.argmax(widths))
     if widths[worst] > WIDE:
         off = drift_error(widths[worst])
-        error = f"{off:.1g} of itself" if off < 1.0 else "more than itself"
+        error = f"{off:.1g}" if off < 1.0 else "more than 1"
         narrower = widths[worst] / WIDE
         if drag.cell is not None or drag.cell_length is not None:
             cure = "leave out drag.cell"
         elif at.cell is not None and at.cell > at.h[worst]:
-            cure = f"raise space.cells {narrower:.3g} times"
+            cure = f"raise space.cells by a factor of {narrower:.3g}"
         else:
-            cure = f"raise gas.particles {narrower**2:.3g} times"
+            cure = f"raise gas.particles by a factor of {narrower**2:.3g}"
         yield (
             f"drag cells are {widths[worst]:.2g} H wide {at.where(worst)}, above {WIDE:g}: the drift of small grains "
-            f"there is off by {error}: {cure}"
+            f"there has a relative error of {error}: {cure}"
         )
 
 
@@ -92,7 +92,7 @@ def _of_cells(scene: Scene, at: Local) -> Iterator[str]:
             more, wider = few / least, (max(few, 1) / least) ** (1 / dim)
             yield (
                 f"{least:.3g} {name} particles in a drag cell {where}, below {few}: "
-                f"raise {name}.particles {more:.3g} times, or drag.cell {wider:.3g} times"
+                f"raise {name}.particles by a factor of {more:.3g}, or drag.cell by {wider:.3g}"
             )
 
 
@@ -109,8 +109,8 @@ def _of_scheme(scene: Scene, at: Local) -> Iterator[str]:
             worst = int(np.argmax(short))
             if short[worst] > 1:
                 yield (
-                    f'drag.scheme "{drag.scheme}" is explicit: {at.where(worst)} its steps are {short[worst]:.2g} '
-                    f'times shorter than the gas\'s: take "{USUAL_SCHEME}"'
+                    f'drag.scheme "{drag.scheme}" is explicit: {at.where(worst)} its time steps are {short[worst]:.2g} '
+                    f'times shorter than those of the gas: use "{USUAL_SCHEME}"'
                 )
         if scheme.damps:
             ratio = at.resolution / (at.sound_speed * time)
@@ -119,6 +119,6 @@ def _of_scheme(scene: Scene, at: Local) -> Iterator[str]:
                 more = ratio[worst] ** scene.space.dimensions
                 yield (
                     f"h is {ratio[worst]:.2g} times c_s t_stop {at.where(worst)}, above 1, where "
-                    f'drag.scheme "{drag.scheme}" damps too much: take "{USUAL_SCHEME}", or gas.particles '
-                    f"{more:.2g} times as many"
+                    f'drag.scheme "{drag.scheme}" damps too much: use "{USUAL_SCHEME}", or raise gas.particles '
+                    f"by a factor of {more:.2g}"
                 )

@@ -47,20 +47,26 @@ DEAD = ("dead_alpha", "dead_inner", "dead_outer", "dead_width")
 
 
 class Keys(Table):
-    alpha: Number | None = Field(None, gt=0, description="nu = alpha c_s H")
-    nu: Diffusivity | None = Field(None, gt=0, description="the same everywhere, instead of alpha")
-    index: Number = Field(0.0, description="alpha ~ r^index, about initial.reference_radius")
-    inner_alpha: Number | None = Field(None, ge=0, description="far within radius, instead of alpha")
-    outer_alpha: Number | None = Field(None, ge=0, description="far beyond radius")
-    radius: Length | None = Field(None, gt=0, description="where alpha is the mean of the two, by `step`")
-    width: Number | None = Field(None, gt=0, description="of the step between them, tanh(ln(r / radius) / width)")
-    step: Literal["linear", "logarithmic"] = Field(
-        "linear", description="whether that tanh is one of alpha or of ln alpha"
+    alpha: Number | None = Field(None, gt=0, description="alpha in the viscosity nu = alpha c_s H")
+    nu: Diffusivity | None = Field(None, gt=0, description="uniform viscosity, instead of alpha")
+    index: Number = Field(
+        0.0, description="power-law index of alpha ~ r^index; alpha holds at initial.reference_radius"
     )
-    dead_alpha: Number | None = Field(None, ge=0, description="in the midst of a dead zone")
+    inner_alpha: Number | None = Field(
+        None, ge=0, description="alpha far inside `radius`; with outer_alpha, instead of alpha"
+    )
+    outer_alpha: Number | None = Field(None, ge=0, description="alpha far outside `radius`")
+    radius: Length | None = Field(None, gt=0, description="radius of the step from inner_alpha to outer_alpha")
+    width: Number | None = Field(None, gt=0, description="width of the step in ln r: tanh(ln(r / radius) / width)")
+    step: Literal["linear", "logarithmic"] = Field(
+        "linear", description="quantity that follows the tanh: alpha, or ln alpha"
+    )
+    dead_alpha: Number | None = Field(None, ge=0, description="alpha inside the dead zone")
     dead_inner: Length | None = Field(None, gt=0, description="inner edge of the dead zone")
     dead_outer: Length | None = Field(None, gt=0, description="outer edge of the dead zone")
-    dead_width: Number | None = Field(None, gt=0, description="of its edges, tanh(ln(r / edge) / dead_width)")
+    dead_width: Number | None = Field(
+        None, gt=0, description="width of the dead zone's edges in ln r: tanh(ln(r / edge) / dead_width)"
+    )
 
 
 def _one_law(draft: Draft) -> Iterator[Problem]:
@@ -69,7 +75,7 @@ def _one_law(draft: Draft) -> Iterator[Problem]:
     given = [key for key in ("alpha", "nu") if getattr(keys, key) is not None]
     given += [key for key in STEP if getattr(keys, key) is not None][:1]
     if len(given) != 1:
-        wrong = f"{' and '.join(given)} are there together" if given else "there is no viscosity"
+        wrong = f"{' and '.join(given)} are both given" if given else "no viscosity is given"
         words = "expected exactly one of alpha, nu, or inner_alpha and outer_alpha with radius and width"
         yield ("alpha_viscosity", *given[-1:]), f"{wrong}; {words}"
     if keys.step == "logarithmic":
@@ -78,32 +84,38 @@ def _one_law(draft: Draft) -> Iterator[Problem]:
         there = [key for key in group if getattr(keys, key) is not None]
         for key in group if there else ():
             if key not in there:
-                yield ("alpha_viscosity", key), f"missing; {' and '.join(there)} need it too"
+                yield ("alpha_viscosity", key), f"missing, but needed with {' and '.join(there)}; expected this key too"
     if keys.nu is not None and keys.dead_alpha is not None:
         yield (
             ("alpha_viscosity", "dead_alpha"),
-            "nu is one everywhere; expected alpha instead of it, or no dead zone",
+            "nu is uniform, so there is no dead zone; expected alpha instead of nu, or no dead_* keys",
         )
     if None not in (keys.dead_inner, keys.dead_outer) and keys.dead_outer <= keys.dead_inner:
-        yield ("alpha_viscosity", "dead_outer"), "not outside dead_inner; expected dead_outer > dead_inner"
+        yield (
+            ("alpha_viscosity", "dead_outer"),
+            "dead_outer is not larger than dead_inner; expected dead_outer > dead_inner",
+        )
     if keys.index != 0.0 and keys.alpha is None:
-        yield ("alpha_viscosity", "index"), "a power of r goes with alpha; expected alpha, or no index"
+        yield ("alpha_viscosity", "index"), "index is used only with alpha; expected alpha, or no index"
 
 
 def _of_logarithms(keys: Any) -> Iterator[Problem]:
     """Yield problems of step = "logarithmic", which needs a positive inner_alpha and outer_alpha."""
     if None in (keys.inner_alpha, keys.outer_alpha):
-        yield ("alpha_viscosity", "step"), "it is between inner_alpha and outer_alpha; expected both, or no step"
+        yield (
+            ("alpha_viscosity", "step"),
+            "step is used only with inner_alpha and outer_alpha; expected both, or no step",
+        )
     for key in ("inner_alpha", "outer_alpha"):
         if getattr(keys, key) == 0.0:
-            yield ("alpha_viscosity", key), 'has no logarithm; expected more than 0, or step = "linear"'
+            yield ("alpha_viscosity", key), '0 has no logarithm; expected more than 0, or step = "linear"'
 
 
 def _a_reference(draft: Draft) -> Iterator[Problem]:
     """Yield a problem if alpha is a power of r and the start has no reference radius."""
     keys, start = draft.alpha_viscosity, draft.initial
     if keys.index != 0.0 and start is not None and not hasattr(start, "reference_radius"):
-        yield ("alpha_viscosity", "index"), f"a {draft.kind} has no reference_radius; expected no index"
+        yield ("alpha_viscosity", "index"), f'initial.kind = "{draft.kind}" has no reference_radius; expected no index'
 
 
 def _gas_that_shears(draft: Draft) -> Iterator[Problem]:
@@ -111,12 +123,15 @@ def _gas_that_shears(draft: Draft) -> Iterator[Problem]:
     if draft.dimensions == 1:
         yield (
             ("alpha_viscosity",),
-            "one dimension has no shear; expected space.dimensions = 2, or [gas.viscosity]",
+            "alpha viscosity needs shear, and 1D flow has none; expected space.dimensions = 2, or [gas.viscosity]",
         )
     elif not draft.has("gas") and not draft.has("background"):
-        yield ("alpha_viscosity",), "there is no gas to be viscous; expected a table [gas] or [background] too"
+        yield (
+            ("alpha_viscosity",),
+            "viscosity needs gas, but there is no [gas] or [background]; expected one of these tables",
+        )
     if not draft.has("star") and draft.alpha_viscosity.nu is None:
-        yield ("alpha_viscosity",), "alpha c_s H needs a star to orbit; expected a table [star], or nu"
+        yield ("alpha_viscosity",), "H = c_s / Omega needs a star; expected a table [star], or nu instead of alpha"
 
 
 UNSTABLE = 1.25  # in steps of the limit: in longer ones velocities grow in a disordered arrangement
@@ -137,13 +152,13 @@ class Effect(base.Effect):
             return
         name, (asked, artificial, noise) = found
         if name == "nu":
-            yield "nu asked for", scene.units.show(asked[0], "diffusivity")
+            yield "nu of the scene", scene.units.show(asked[0], "diffusivity")
             yield "nu of artificial viscosity", scene.units.show(artificial[0], "diffusivity")
             return
-        yield "alpha asked for", _texts(asked)
+        yield "alpha of the scene", _texts(asked)
         if scene.gas:
             yield "alpha of artificial viscosity", _texts(artificial)
-            yield "alpha of noise, about", _texts(noise)
+            yield "alpha of particle noise, about", _texts(noise)
 
     @classmethod
     def _warnings(cls, scene: Scene, at: Local) -> Iterator[str]:

@@ -75,7 +75,9 @@ def _softening(value: Any, info: ValidationInfo) -> Softening:
         try:
             found = Softening(number(float(value)), False)
         except ValueError:
-            raise fault(f'{shown(value)} is no length; expected one like "0.03", or a number of H') from None
+            raise fault(
+                f'{shown(value)} is not a length; expected one like "0.03", or a number of scale heights'
+            ) from None
     else:
         try:
             found = Softening(units_of(info).parse(value, "length", 2.0), False)
@@ -89,35 +91,46 @@ def _softening(value: Any, info: ValidationInfo) -> Softening:
 class Keys(Table):
     """A companion of the star."""
 
-    mass: Mass = Field(gt=0, description="of the companion; its orbit has all of it, whatever the ramp")
-    semi_major_axis: Length = Field(gt=0, description="about the star; of a hyperbola its absolute value")
-    eccentricity: Number = Field(0.0, ge=0, description="above 1: an unbound companion that flies by")
-    phase: Number = Field(0.0, description="true anomaly at t = 0 in degrees, counter-clockwise; pericentre on +x")
-    orbit: Literal["fixed", "live"] = Field("fixed", description="Kepler's for good, or one that feels what pulls")
+    mass: Mass = Field(gt=0, description="mass of the companion; its orbit always uses the full mass")
+    semi_major_axis: Length = Field(
+        gt=0, description="semi-major axis about the star; for a hyperbola its absolute value"
+    )
+    eccentricity: Number = Field(0.0, ge=0, description="eccentricity; above 1: a fly-by on a hyperbola")
+    phase: Number = Field(0.0, description="true anomaly at t = 0 in degrees; pericentre at +x")
+    orbit: Literal["fixed", "live"] = Field(
+        "fixed", description='Kepler orbit, or "live": integrated with the forces listed in feels'
+    )
     feels: Annotated[
-        tuple[Literal["star", "companions", "gas", "dust"], ...] | None, Default("all there are, of a live one")
-    ] = Field(None, description="what pulls a live companion")
-    softening: Annotated[Any, BeforeValidator(_softening), Words("length in quotes, or number")] = Field(
-        description="Plummer length of its pull on gas and dust: a length, or a number times the local H"
+        tuple[Literal["star", "companions", "gas", "dust"], ...] | None, Default("all in the scene, if live")
+    ] = Field(None, description="sources of gravity that act on a live companion")
+    softening: Annotated[Any, BeforeValidator(_softening), Words("length in quotes, or number of H")] = Field(
+        description="Plummer softening of the companion's gravity: a length, or a number of local scale heights H"
     )
     ramp: Time = Field(
-        0.0, ge=0, description="over which gas and dust come to feel it, as sin^2; its orbit has the whole mass at once"
+        0.0,
+        ge=0,
+        description="time over which the companion's gravity on gas and dust grows to full strength, as sin^2",
     )
-    accretion_radius: Length = Field(0.0, ge=0, description="particles that come closer are accreted")
-    accretion_rate: Annotated[Number | None, Default("all of it, at once")] = Field(
-        None, gt=0, description="share of what is within the radius taken per local orbit"
+    accretion_radius: Length = Field(0.0, ge=0, description="radius within which particles are accreted; 0: none")
+    accretion_rate: Annotated[Number | None, Default("all at once")] = Field(
+        None, gt=0, description="fraction of the mass within accretion_radius accreted per local orbit"
     )
-    every: Annotated[Time | None, Default("every step")] = Field(None, gt=0, description="rows of companions.csv")
+    every: Annotated[Time | None, Default("every step")] = Field(
+        None, gt=0, description="interval between rows of companions.csv"
+    )
 
 
 def _about_a_star(draft: Draft) -> Iterator[Problem]:
     """Yield problems of companions without a star, and of orbits that do not exist."""
     if not draft.has("star"):
-        yield ("companion",), "there is no star to have companions; expected a table [star] too"
+        yield ("companion",), "a companion needs a star to orbit; expected a table [star] too"
     for k, companion in enumerate(draft.companion or ()):
         e, phase = companion.eccentricity, companion.phase
         if e == 1.0:
-            yield ("companion", k, "eccentricity"), "1 is a parabola, which has no semi-major axis; expected another"
+            yield (
+                ("companion", k, "eccentricity"),
+                "e = 1 is a parabola, which has no semi-major axis; expected less or more than 1",
+            )
         elif e > 1.0 and abs(phase) >= (most := math.degrees(math.acos(-1.0 / e))):
             wrong = f"{phase:g} degrees is beyond the asymptote of a hyperbola with e = {e:g}"
             yield ("companion", k, "phase"), f"{wrong}; expected between -{most:.4g} and {most:.4g}"
@@ -129,7 +142,7 @@ def _its_ramp(draft: Draft) -> Iterator[Problem]:
         return
     for k, companion in enumerate(draft.companion or ()):
         if companion.ramp > 0.0 and companion.eccentricity > 1.0:
-            wrong = "an unbound companion is no part of the barycentre, about which masses with a ramp begin"
+            wrong = 'an unbound companion with a ramp is not possible with star.centre = "barycentre"'
             yield ("companion", k, "ramp"), f'{wrong}; expected no ramp, or star.centre = "star"'
 
 
@@ -140,14 +153,14 @@ def _what_it_feels(draft: Draft) -> Iterator[Problem]:
         if names is None:
             continue
         if companion.orbit == "fixed":
-            yield where, 'a fixed orbit feels nothing; expected orbit = "live" beside it'
+            yield where, 'no force acts on a fixed orbit; expected orbit = "live", or no feels'
         if len(set(names)) < len(names):
-            yield where, "a name is there twice; expected each once"
+            yield where, "a name occurs twice; expected each name once"
         for name in dict.fromkeys(names):
             if name in SPECIES and not draft.has(name):
-                yield where, f'it is to feel "{name}", but there is no table [{name}]'
+                yield where, f'"{name}" is listed, but there is no table [{name}]; expected that table, or no "{name}"'
         if "dust" in names and draft.one_way_beside_gas:
-            wrong = "one-way dust must leave the gas alone, and a companion that it pulls moves the gas"
+            wrong = "with one-way drag, dust must not act on the gas, not even through a companion that it moves"
             yield where, f'{wrong}; expected no "dust", or drag.direction = "two-way"'
 
 
@@ -155,16 +168,19 @@ def _its_softening(draft: Draft) -> Iterator[Problem]:
     """Yield problems of softening and accretion, like a softening in H in gas without a fixed H."""
     gas = draft.gas or draft.background
     for k, companion in enumerate(draft.companion or ()):
-        where, wanted = ("companion", k, "softening"), "expected a length in quotes"
+        where, wanted = ("companion", k, "softening"), 'expected a length in quotes, like "0.03"'
         if companion.softening.in_heights and gas is None:
-            yield where, f"a number counts scale heights, and there is no gas to have one; {wanted}"
+            yield where, f"a number means scale heights H, but there is no gas; {wanted}"
         elif companion.softening.in_heights and draft.gas and not _has_height(draft.gas.eos):
-            yield where, f"the scale height of this gas changes with its density or heat; {wanted}"
+            yield where, f"a number means scale heights H, and H depends on density or heat here; {wanted}"
         taken = companion.accretion_radius > 0.0 and companion.accretion_rate is None
         if companion.softening.value == 0.0 and not taken:
-            yield where, "0 pulls without end what comes near; expected more, or an accretion_radius"
+            yield where, "0 gives infinite forces near the companion; expected more than 0, or an accretion_radius"
         if companion.accretion_rate is not None and companion.accretion_radius == 0.0:
-            yield ("companion", k, "accretion_rate"), "nothing is within a radius of 0; expected accretion_radius too"
+            yield (
+                ("companion", k, "accretion_rate"),
+                "an accretion rate needs an accretion radius; expected accretion_radius too",
+            )
 
 
 def _has_height(eos: Any) -> bool:
@@ -284,7 +300,10 @@ class Effect(base.Effect):
             yield _named(k, "softening"), near.told(near.softening)
             if viscous and near.height is not None and not formulas.is_star(scene, companion):
                 gap = formulas.gap_number(scene, companion)
-                yield _named(k, "gap"), f"K = {gap:.3g}, so Sigma falls to {1.0 / (1.0 + 0.04 * gap):.2g}"
+                yield (
+                    _named(k, "gap"),
+                    f"K = {gap:.3g}: Sigma in the gap falls to a fraction of {1.0 / (1.0 + 0.04 * gap):.2g}",
+                )
 
     @classmethod
     def _warnings(cls, scene: Scene, at: Local) -> Iterator[str]:
@@ -304,8 +323,8 @@ class Effect(base.Effect):
                 if 0.0 < length < near.resolution:
                     needed = scene.gas.particles * (near.resolution / length) ** 2
                     yield (
-                        f"{name} of companion {k} is {length / near.resolution:.2g} h of the gas about it, which "
-                        f"is smooth over h: want {other}gas.particles of about {needed:.2g}"
+                        f"{name} of companion {k} is {length / near.resolution:.2g} times the smoothing length h "
+                        f"of the gas there, below 1: choose {other}gas.particles of about {needed:.2g}"
                     )
 
     def operators(self, state: State) -> list[base.Operator]:

@@ -40,30 +40,33 @@ NANOSECONDS = {"beta": 100.0, "constant": 60.0, "radiative": 1000.0}
 class Keys(Table):
     """Cooling of the gas, which needs eos.kind = "adiabatic"."""
 
-    kind: Literal["beta", "constant", "radiative"] = Field(description="by what law")
-    beta: Number | None = Field(None, gt=0, description='kind "beta": t_cool Omega_K')
-    t_cool: Time | None = Field(None, gt=0, description='kind "constant"')
+    kind: Literal["beta", "constant", "radiative"] = Field(description="cooling law")
+    beta: Number | None = Field(None, gt=0, description='cooling time in 1 / Omega_K, for kind "beta"')
+    t_cool: Time | None = Field(None, gt=0, description='cooling time, for kind "constant"')
     opacity: Annotated[Any, Measure("opacity", words=(TABLE,)), Words(f'opacity, "{TABLE}"')] = Field(
-        None, description=f'kind "radiative": a constant, or "{TABLE}": that of Bell & Lin (1994)'
+        None, description=f'opacity, for kind "radiative"; "{TABLE}": table of Bell & Lin (1994)'
     )
-    aspect_ratio: Annotated[Number | None, Default("that of gas.eos")] = Field(
-        None, ge=0, description="H/r at reference_radius of the passive disc that it cools to; 0: to no heat at all"
+    aspect_ratio: Annotated[Number | None, Default("same as gas.eos")] = Field(
+        None, ge=0, description="H/r at reference_radius that the gas cools to; 0: cools to zero energy"
     )
-    temperature_index: Annotated[Number | None, Default("that of gas.eos")] = Field(
-        None, description="q of the passive disc, c_s^2 ~ r^-q"
+    temperature_index: Annotated[Number | None, Default("same as gas.eos")] = Field(
+        None, description="q in c_s^2 ~ r^-q of the disc that the gas cools to"
     )
-    reference_radius: Annotated[Length | None, Default("that of gas.eos")] = Field(
-        None, gt=0, description="where aspect_ratio holds"
+    reference_radius: Annotated[Length | None, Default("same as gas.eos")] = Field(
+        None, gt=0, description="radius at which aspect_ratio holds"
     )
 
 
 def _heat_to_lose(draft: Draft) -> Iterator[Problem]:
     if not draft.has("gas"):
-        yield ("cooling",), "there is no gas to cool; expected a table [gas] too, or no [cooling]"
+        yield ("cooling",), "cooling needs gas; expected a table [gas] too, or no [cooling]"
     elif draft.gas and not draft.eos.holds_heat:
-        yield ("cooling",), f'the gas is "{draft.eos_kind}", which keeps no heat; expected eos.kind = "adiabatic"'
+        yield (
+            ("cooling",),
+            f'gas with eos.kind = "{draft.eos_kind}" has no energy equation; expected eos.kind = "adiabatic"',
+        )
     elif draft.drag and SCHEMES[draft.drag.scheme].on_grid:
-        yield ("cooling",), f'gas of scheme "{draft.drag.scheme}" does not cool; expected another drag.scheme'
+        yield ("cooling",), f'drag.scheme "{draft.drag.scheme}" has no cooling; expected another drag.scheme'
 
 
 def _key_of_the_kind(draft: Draft) -> Iterator[Problem]:
@@ -71,14 +74,15 @@ def _key_of_the_kind(draft: Draft) -> Iterator[Problem]:
     for kind, key in KEY_OF.items():
         given = getattr(own, key) is not None
         if kind == own.kind and not given:
-            yield ("cooling", key), f'missing; kind "{kind}" needs it'
+            yield ("cooling", key), f'missing, but kind = "{kind}" needs it; expected this key too'
         elif kind != own.kind and given:
             yield (
                 ("cooling", key),
-                f'goes with kind "{kind}", but cooling.kind is "{own.kind}"; expected one of the two',
+                f'used only by kind "{kind}", but cooling.kind is "{own.kind}"; expected kind = "{kind}", or this '
+                "key left out",
             )
     if isinstance(own.opacity, float) and own.opacity <= 0.0:
-        yield ("cooling", "opacity"), "not above 0; expected an opacity above 0"
+        yield ("cooling", "opacity"), f"opacity {own.opacity:g} is not positive; expected more than 0"
 
 
 def _star(draft: Draft) -> Iterator[Problem]:
@@ -98,16 +102,19 @@ def _passive_temperature(draft: Draft) -> Iterator[Problem]:
     if not gas or not draft.eos.holds_heat or own.aspect_ratio is not None or gas.eos.aspect_ratio is not None:
         return
     if gas.eos.sound_speed is None:
-        yield ("cooling", "aspect_ratio"), "missing; gas.eos has no temperature to cool to either"
+        yield (
+            ("cooling", "aspect_ratio"),
+            "no temperature to cool to, neither here nor in gas.eos; expected cooling.aspect_ratio",
+        )
         return
     for key in ("temperature_index", "reference_radius"):
         if draft.gives("cooling", key):
-            yield ("cooling", key), "goes with an aspect_ratio, here or in gas.eos; expected that too"
+            yield ("cooling", key), "used only with an aspect_ratio, here or in gas.eos; expected aspect_ratio too"
 
 
 def _physical_units(draft: Draft) -> Iterator[Problem]:
     if draft.cooling.kind == "radiative" and draft.in_code_units:
-        wrong = "light needs temperatures, and a scene in code units has none"
+        wrong = "radiative cooling needs temperatures, which do not exist in code units"
         yield ("cooling", "kind"), f'{wrong}; expected units.system = "physical", or kind = "beta" or "constant"'
 
 

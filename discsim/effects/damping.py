@@ -43,26 +43,29 @@ Zone = Annotated[tuple[Length, Length], Words("two lengths: [from, to]")]
 class Keys(Table):
     """Zones at the edges in which velocities relax to the local equilibrium."""
 
-    inner: Zone | None = Field(None, description="zone at the inner edge: all of it at the first radius and within")
-    outer: Zone | None = Field(None, description="zone at the outer edge: all of it at the second radius and beyond")
-    time: Number = Field(0.3, gt=0, description="relaxation time in orbits at the far end of the zone")
+    inner: Zone | None = Field(None, description="zone at the inner edge [from, to]; full damping at and inside from")
+    outer: Zone | None = Field(None, description="zone at the outer edge [from, to]; full damping at and outside to")
+    time: Number = Field(0.3, gt=0, description="relaxation time at full damping, in local orbits")
 
 
 def _zones(draft: Draft) -> Iterator[Problem]:
     damping = draft.damping
     if damping.inner is None and damping.outer is None:
-        yield ("damping",), "no zone is there; expected inner = [from, to], outer = [from, to], or both"
+        yield ("damping",), "no damping zone is given; expected inner = [from, to], outer = [from, to], or both"
     for key in ("inner", "outer"):
         zone = getattr(damping, key)
         if zone is not None and not 0.0 < zone[0] < zone[1]:
-            yield ("damping", key), "not two rising radii; expected [from, to] with 0 < from < to"
+            yield ("damping", key), "the two radii are not increasing; expected [from, to] with 0 < from < to"
 
 
 def _about_a_star(draft: Draft) -> Iterator[Problem]:
     if not draft.has("star"):
-        yield ("damping",), "its time is in orbits about a star; expected a table [star] too"
+        yield (
+            ("damping",),
+            "damping times are in orbits about a star, but there is no [star]; expected a table [star] too",
+        )
     elif draft.space and (draft.dimensions != 2 or draft.space.boundary != "open"):
-        yield ("space",), 'zones of [damping] lie about a star; expected dimensions = 2 and boundary = "open"'
+        yield ("space",), 'damping zones are rings about a star; expected dimensions = 2 and boundary = "open"'
 
 
 class Effect(base.Effect):
@@ -85,7 +88,7 @@ class Effect(base.Effect):
     def _warnings(cls, scene: Scene) -> Iterator[str]:
         inner, outer = scene.table("damping").inner, scene.table("damping").outer
         if inner and outer and inner[1] > outer[0]:
-            yield "damping.inner reaches into damping.outer: no gas between them is free; set them apart"
+            yield "damping.inner overlaps damping.outer, so all gas is damped: leave a gap between the two zones"
 
     def begin(self, state: State, effects: Mapping[str, base.Effect]) -> None:
         keys = self.scene.table("damping")

@@ -51,41 +51,45 @@ OF_A_CLASS = 0.12  # additional cost of each further class of grains, in costs o
 
 
 class Keys(Table):
-    law: LawName = Field(description="of the stopping time")
+    law: LawName = Field(description="drag law: formula of the stopping time")
     K: Annotated[float | None, Measure("drag_coefficient")] = Field(
-        None, gt=0, description='law "constant": force density K (v - u)'
+        None, gt=0, description='drag coefficient K in the force density K (v - u), for law "constant"'
     )
-    t_stop: Time | None = Field(None, gt=0, description='law "stopping-time"')
+    t_stop: Time | None = Field(None, gt=0, description='stopping time, for law "stopping-time"')
     stokes: Number | None = Field(
-        None, gt=0, description='t_stop Omega; with "stokes-over-density" where the disc has its Sigma_ref'
+        None, gt=0, description='Stokes number t_stop Omega; for "stokes-over-density" the value at Sigma_ref'
     )
     convention: Literal["papers", "kinetic"] = Field(
-        "kinetic", description='Epstein: t_stop = sqrt(pi/8) s rho_s / (c_s rho_g), or "papers": s rho_s / (c_s rho_g)'
+        "kinetic", description='Epstein t_stop = sqrt(pi/8) s rho_s / (c_s rho_g); "papers": s rho_s / (c_s rho_g)'
     )
-    supersonic: StrictBool = Field(False, description="Epstein: faster by sqrt(1 + (9 pi/128) (slip / c_s)^2)")
+    supersonic: StrictBool = Field(
+        False, description="supersonic correction: Epstein drag times sqrt(1 + (9 pi/128) (slip / c_s)^2)"
+    )
     mean_free_column: Annotated[float | None, Measure("surface_density"), Default("mu m_u / 2e-15 cm2")] = Field(
-        None, gt=0, description='law "epstein-stokes": rho_g times the mean free path'
+        None, gt=0, description='rho_g times the mean free path, for law "epstein-stokes"'
     )
-    direction: Literal["two-way", "one-way"] = Field("two-way", description="does the dust push back")
+    direction: Literal["two-way", "one-way"] = Field(
+        "two-way", description="two-way: dust acts on the gas; one-way: it does not"
+    )
     scheme: SchemeName = Field(
-        USUAL_SCHEME, description="how gas and dust exchange momentum; -ppm: gas and dust as fluids on a fixed 1D grid"
+        USUAL_SCHEME, description="numerical scheme of the drag; -ppm: gas and dust are fluids on a fixed 1D grid"
     )
     kernel: Literal["gas", "double-hump"] = Field(
-        "gas", description='of the drag between pairs of particles: W of the gas, or "double-hump": q^2 W'
+        "gas", description='kernel of drag between pairs: W of the gas, or "double-hump": q^2 W'
     )
     cell: Annotated[
         Number | None, Default("1D: 1, at most 2 gas spacings; 2D: 2, at most 2.7 gas spacings and 0.7 H")
-    ] = Field(None, gt=0, description="side of a drag cell in local mean h; or a length")
+    ] = Field(None, gt=0, description="side of a drag cell, in local mean smoothing lengths h")
     cell_length: Length | None = Field(None, gt=0, description="side of a drag cell as a length, instead of cell")
     # The mean slip of a class is exact in steady drift; in steps below t_stop its error is at most (ln 1.4)^2 / 12.
     class_width: Number = Field(
-        1.4, gt=1, description="of grains of many sizes: ratio of stopping times in one class, which relaxes as one"
+        1.4, gt=1, description="largest ratio of stopping times in a class of grains, which relax together"
     )
     heating: Annotated[StrictBool, Default("true for adiabatic gas and two-way drag")] = Field(
-        description="frictional heat goes to the gas"
+        description="frictional heating of the gas"
     )
     integration: Literal["exponential", "implicit"] = Field(
-        "exponential", description='exact exponential, or "implicit": first-order backward Euler'
+        "exponential", description='time integration: exact exponential, or "implicit": first-order backward Euler'
     )
 
 
@@ -93,7 +97,7 @@ def _partners(draft: Draft) -> Iterator[Problem]:
     for table in ("gas", "dust"):
         if not draft.has(table) and not (table == "gas" and draft.has("background")):
             also = " or [background]" if table == "gas" else ""
-            yield ("drag",), f"there is drag, but no {table}; expected a table [{table}]{also}, or no [drag]"
+            yield ("drag",), f"drag needs {table}; expected a table [{table}]{also}, or no [drag]"
 
 
 def _width_of_classes(draft: Draft) -> Iterator[Problem]:
@@ -102,7 +106,8 @@ def _width_of_classes(draft: Draft) -> Iterator[Problem]:
     if draft.gives("drag", "class_width") and not grows and not any(map(has_sizes, draft.dust or ())):
         yield (
             ("drag", "class_width"),
-            "no grains have sizes of their own; expected dust.grain_size with many, [growth], or no such key",
+            "class_width needs grains of different sizes; expected a size distribution in dust.grain_size, [growth], "
+            "or this key left out",
         )
 
 
@@ -117,15 +122,18 @@ def _keys_of_the_law(draft: Draft) -> Iterator[Problem]:
         laws = [name for name in LAWS if LAWS[name].key == key]
         given = getattr(draft.drag, key) is not None
         if law in laws and not given:
-            yield ("drag", key), f'missing; law "{law}" needs it'
+            yield ("drag", key), f'missing, but law "{law}" needs it; expected this key too'
         elif law not in laws and given:
-            yield ("drag", key), f'goes with law {_words(laws)}, but drag.law is "{law}"; expected one of the two'
+            yield (
+                ("drag", key),
+                f'used only by law {_words(laws)}, but drag.law is "{law}"; expected another law, or this key left out',
+            )
     if draft.drag.supersonic and not LAWS[law].of_grains:
         words = _words([name for name in LAWS if LAWS[name].of_grains])
-        yield ("drag", "supersonic"), f'law "{law}" knows no speed; expected {words}'
+        yield ("drag", "supersonic"), f'law "{law}" has no supersonic correction; expected law {words}, or false'
     if draft.drag.mean_free_column is not None and not LAWS[law].by_column:
         words = _words([name for name in LAWS if LAWS[name].by_column])
-        yield ("drag", "mean_free_column"), f'law "{law}" has no use for it; expected {words}'
+        yield ("drag", "mean_free_column"), f'not used by law "{law}"; expected law {words}, or this key left out'
 
 
 def _keys_of_the_scheme(draft: Draft) -> Iterator[Problem]:
@@ -133,26 +141,26 @@ def _keys_of_the_scheme(draft: Draft) -> Iterator[Problem]:
     if draft.has("background"):
         for key in OF_CELLS:
             if draft.gives("drag", key):
-                yield ("drag", key), "a [background] has no drag cells; expected no such key"
+                yield ("drag", key), "not used with [background], which has no drag cells; expected this key left out"
         return
     for why, keys in SCHEMES[scheme].unused.items():
         for key in keys:
             if draft.gives("drag", key):
-                yield ("drag", key), f'scheme "{scheme}" has {why}; expected no such key'
+                yield ("drag", key), f'scheme "{scheme}" has {why}; expected this key left out'
 
 
 def _one_cell(draft: Draft) -> Iterator[Problem]:
     if draft.drag.cell is not None and draft.drag.cell_length is not None:
-        yield ("drag", "cell_length"), "drag.cell is there too; expected one of the two"
+        yield ("drag", "cell_length"), "drag.cell is also given; expected only one of the two"
 
 
 def _heating(draft: Draft) -> Iterator[Problem]:
     if not draft.drag.heating:
         return
     if draft.gas and not draft.eos.holds_heat:
-        yield ("drag", "heating"), f'the gas is "{draft.eos_kind}", which keeps no heat; expected false'
+        yield ("drag", "heating"), f'gas with eos.kind "{draft.eos_kind}" has no energy equation; expected false'
     if draft.drag.direction == "one-way":
-        yield ("drag", "heating"), "one-way drag leaves the gas alone; expected false"
+        yield ("drag", "heating"), "one-way drag does not act on the gas; expected false"
 
 
 CELLS = "drag.cells"  # the operator that finds them

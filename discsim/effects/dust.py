@@ -28,10 +28,14 @@ class Sizes(Table):
     per particle. The masses of the particles follow.
     """
 
-    smallest: Length = Field(gt=0, description="of the grains' radii")
-    largest: Length = Field(gt=0, description="of the grains' radii")
-    index: Number = Field(3.5, description="p in n(s) ~ s^-p; 3.5 is that of collisions (Dohnanyi 1969)")
-    bins: Count | None = Field(None, ge=1, description="sizes that there are; none: each particle has its own")
+    smallest: Length = Field(gt=0, description="smallest grain radius")
+    largest: Length = Field(gt=0, description="largest grain radius")
+    index: Number = Field(
+        3.5, description="p in the size distribution n(s) ~ s^-p; 3.5: collisional cascade (Dohnanyi 1969)"
+    )
+    bins: Count | None = Field(
+        None, ge=1, description="number of different sizes; none: every particle has its own size"
+    )
 
 
 GrainSize: Any = or_table(Annotated[Length, Field(gt=0)], Sizes)
@@ -43,15 +47,15 @@ class Keys(Table):
     particles: Particles = Field(description="number of particles")
     ratio: Number = Field(gt=0, description="dust-to-gas mass ratio")
     grain_size: GrainSize | None = Field(
-        None, description="radius, for the Epstein law, or many: {smallest, largest, index, bins}"
+        None, description="grain radius, or a size distribution {smallest, largest, index, bins}"
     )
     grain_density: Annotated[float | None, Measure("volume_density")] = Field(
-        None, gt=0, description="of the grain's material"
+        None, gt=0, description="material density of the grains"
     )
-    offset: Number = Field(0.0, description="placement against the gas, in gas spacings")
-    inner: Length | None = Field(None, gt=0, description="dust only outside this radius")
-    outer: Length | None = Field(None, gt=0, description="dust only inside this radius")
-    placement: Literal["even", "random"] = Field("even", description="of the particles at the start")
+    offset: Number = Field(0.0, description="offset of dust from gas particles, in gas spacings")
+    inner: Length | None = Field(None, gt=0, description="inner edge of the dust at the start")
+    outer: Length | None = Field(None, gt=0, description="outer edge of the dust at the start")
+    placement: Literal["even", "random"] = Field("even", description="placement of the particles at the start")
 
 
 def _within_radii(draft: Draft) -> Iterator[Problem]:
@@ -59,9 +63,12 @@ def _within_radii(draft: Draft) -> Iterator[Problem]:
         for key in ("inner", "outer"):
             if draft.start and not draft.start.edges and getattr(dust, key) is not None:
                 words = " or ".join(kinds(lambda start: start.edges))
-                yield ("dust", i, key), f"a {draft.kind} has no radius; expected a {words}"
+                yield (
+                    ("dust", i, key),
+                    f'initial.kind = "{draft.kind}" has no radius; expected {words}, or this key left out',
+                )
         if dust.inner is not None and dust.outer is not None and dust.outer <= dust.inner:
-            yield ("dust", i, "outer"), "not outside dust.inner; expected outer > inner"
+            yield ("dust", i, "outer"), "outer is not larger than inner; expected outer > inner"
 
 
 def _sizes(draft: Draft) -> Iterator[Problem]:
@@ -73,15 +80,18 @@ def _sizes(draft: Draft) -> Iterator[Problem]:
         if not isinstance(sizes, Sizes):
             continue
         if not sizes.largest > sizes.smallest:
-            yield (*where, "largest"), "not above dust.grain_size.smallest; expected largest > smallest"
+            yield (*where, "largest"), "largest is not larger than smallest; expected largest > smallest"
         if draft.drag is None:
-            yield where, "nothing tells sizes apart without drag; expected a table [drag] too"
+            yield where, "grain sizes have no effect without drag; expected a table [drag] too"
         elif not LAWS[draft.drag.law].of_grains:
             words = " or ".join(f'"{name}"' for name, law in LAWS.items() if law.of_grains)
-            yield where, f'drag.law "{draft.drag.law}" knows no sizes; expected {words}'
+            yield where, f'drag.law "{draft.drag.law}" does not depend on grain size; expected drag.law {words}'
         elif not draft.has("background") and not SCHEMES[draft.drag.scheme].sizes:
             words = " or ".join(f'"{name}"' for name, scheme in SCHEMES.items() if scheme.sizes)
-            yield where, f'drag.scheme "{draft.drag.scheme}" takes one size a population; expected {words}'
+            yield (
+                where,
+                f'drag.scheme "{draft.drag.scheme}" allows only one size per population; expected drag.scheme {words}',
+            )
 
 
 class Effect(base.Effect):

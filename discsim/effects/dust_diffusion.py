@@ -57,27 +57,35 @@ WALK = 0xD1FF  # part of the generator's key that no other random number of a ru
 class Keys(Table):
     """Turbulent diffusion of the dust."""
 
-    alpha: Annotated[Number | None, Default("alpha_viscosity's")] = Field(
-        None, gt=0, description="D = alpha c_s H / (1 + St^2)"
+    alpha: Annotated[Number | None, Default("same as alpha_viscosity")] = Field(
+        None, gt=0, description="alpha of the turbulence in D = alpha c_s H / (1 + St^2)"
     )
-    D: Diffusivity | None = Field(None, gt=0, description="of the grains, the same everywhere; instead of alpha")
+    D: Diffusivity | None = Field(
+        None, gt=0, description="uniform diffusion coefficient of the grains, instead of alpha"
+    )
 
 
 def _one_strength(draft: Draft) -> Iterator[Problem]:
     """Yield problems of a scene with no strength of the turbulence, or two."""
     own = draft.dust_diffusion
     if own.alpha is not None and own.D is not None:
-        yield ("dust_diffusion", "D"), "alpha is there too; expected one of the two"
+        yield ("dust_diffusion", "D"), "alpha is also given; expected only one of the two"
     elif own.alpha is None and own.D is None and not draft.has("alpha_viscosity"):
-        yield ("dust_diffusion",), "nothing says how strong it is; expected alpha, D, or a table [alpha_viscosity]"
+        yield (
+            ("dust_diffusion",),
+            "no strength of the turbulence is given; expected alpha, D, or a table [alpha_viscosity]",
+        )
 
 
 def _moves_by_particles(draft: Draft) -> Iterator[Problem]:
     """Yield problems of a scene without dust particles."""
     if not draft.has("dust"):
-        yield ("dust_diffusion",), "there is no dust to stir; expected a table [dust] too"
+        yield ("dust_diffusion",), "dust diffusion needs dust; expected a table [dust] too"
     elif draft.drag and SCHEMES[draft.drag.scheme].on_grid:
-        yield ("dust_diffusion",), f'dust of scheme "{draft.drag.scheme}" is in cells; expected another drag.scheme'
+        yield (
+            ("dust_diffusion",),
+            f'drag.scheme "{draft.drag.scheme}" has no dust diffusion; expected another drag.scheme',
+        )
 
 
 def _stirred_by_gas(draft: Draft) -> Iterator[Problem]:
@@ -85,12 +93,15 @@ def _stirred_by_gas(draft: Draft) -> Iterator[Problem]:
     if draft.dust_diffusion.D is not None or not draft.has("dust"):
         return
     if not draft.has("gas") and not draft.has("background"):
-        yield ("dust_diffusion",), "no turbulent gas is there; expected a table [gas] or [background], or D"
+        yield ("dust_diffusion",), "alpha c_s H needs gas; expected a table [gas] or [background], or D instead"
     elif not draft.has("drag"):
-        yield ("dust_diffusion",), "gas stirs no dust without drag; expected a table [drag] too, or D"
+        yield (
+            ("dust_diffusion",),
+            "turbulent gas does not act on dust without drag; expected a table [drag] too, or D instead",
+        )
     layer = draft.external is not None and draft.external.vertical_frequency > 0.0
     if draft.dust_diffusion.alpha is not None and not draft.has("star") and not layer:
-        wrong = "alpha c_s H needs orbits"
+        wrong = "H = c_s / Omega needs an orbital frequency"
         yield ("dust_diffusion", "alpha"), f"{wrong}; expected [star] or external.vertical_frequency, or D instead"
 
 
@@ -121,10 +132,10 @@ class Effect(base.Effect):
         for i, (strength, _) in enumerate(found):
             which = f" {i}" if len(found) > 1 else ""
             texts = [scene.units.show(float(value), "diffusivity") for value in strength]
-            yield f"diffusivity of the dust{which}", ", ".join(texts)
+            yield f"diffusion coefficient of dust{which}", ", ".join(texts)
             if at.scale_height is not None:
                 times = [scene.units.show(float(time), "time") for time in at.scale_height**2 / strength]
-                yield f"time to diffuse over H{which}", ", ".join(times)
+                yield f"diffusion time over H{which}", ", ".join(times)
 
     @classmethod
     def _warnings(cls, scene: Scene, at: Local) -> Iterator[str]:
@@ -137,8 +148,8 @@ class Effect(base.Effect):
             if steps[worst] > MANY:
                 key = "D" if scene.table("dust_diffusion").D is not None else "alpha"
                 yield (
-                    f"dust walks in about {steps[worst]:.3g} steps within one of the run {at.where(worst)}, else it "
-                    f"would cross more than half an h: lower dust_diffusion.{key} or run.courant"
+                    f"dust diffusion needs about {steps[worst]:.3g} substeps per time step {at.where(worst)}, each of "
+                    f"at most h/2: lower dust_diffusion.{key} or run.courant"
                 )
                 return
 
@@ -276,7 +287,7 @@ def _steps(wanted: float) -> int:
     """Return the number of steps of the walk within one of the run. Raises FloatingPointError above MOST."""
     if not wanted <= MOST:
         raise FloatingPointError(
-            f"dust_diffusion would walk in {wanted:.2g} steps within one of the run, each over half the length over "
-            f"which the gas changes; expected a smaller diffusivity, or a run.timestep for at most {MOST}"
+            f"dust_diffusion would need {wanted:.2g} substeps per time step, each over half the length scale of "
+            f"the gas; expected a smaller diffusivity, or a run.timestep with at most {MOST} substeps"
         )
     return max(1, math.ceil(wanted))

@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 
 
 class Keys(Table):
-    gas: AccelerationVector = Field(0, validate_default=True, description="constant acceleration of the gas")
-    dust: AccelerationVector = Field(0, validate_default=True, description="constant acceleration of the dust")
+    gas: AccelerationVector = Field(0, validate_default=True, description="uniform acceleration of the gas")
+    dust: AccelerationVector = Field(0, validate_default=True, description="uniform acceleration of the dust")
     vertical_frequency: Annotated[float, Measure("frequency")] = Field(
-        0.0, ge=0, description="Omega in -Omega^2 z, on both"
+        0.0, ge=0, description="Omega in the vertical acceleration -Omega^2 z of gas and dust"
     )
 
 
@@ -42,14 +42,14 @@ class Effect(base.Effect):
     def _warnings(cls, scene: Scene) -> Iterator[str]:
         if scene.external.vertical_frequency > 0.0 and scene.space.boundary == "periodic":
             yield (
-                "external.vertical_frequency pulls to the midplane 0, one end of a periodic space, from the other end "
-                'too: set space.boundary to "open", or leave it out'
+                "external.vertical_frequency attracts to z = 0, but z is periodic, so the force jumps at the boundary: "
+                'set space.boundary to "open", or leave vertical_frequency out'
             )
 
     @classmethod
     def expected_limit(cls, scene: Scene, outlook: Outlook) -> Expected:
         frequency = scene.external.vertical_frequency
-        return Expected(1.0 / frequency, "by the vertical frequency") if frequency > 0.0 else Expected()
+        return Expected(1.0 / frequency, "from external.vertical_frequency") if frequency > 0.0 else Expected()
 
     def operators(self, state: State) -> list[base.Operator]:
         pos, acc = (base.arrays(state.species, name) for name in ("pos", "acc_unshared"))

@@ -49,16 +49,16 @@ MOST_ETA = 30.0  # gives thousands of neighbours
 class Viscosity(Table):
     """Artificial viscosity."""
 
-    alpha: Number = Field(1.0, ge=0, description="linear term")
-    beta: Number = Field(2.0, ge=0, description="quadratic term")
-    switch: Literal["none", "balsara"] = Field("none", description="less viscosity in shear")
+    alpha: Number = Field(1.0, ge=0, description="coefficient of the linear term")
+    beta: Number = Field(2.0, ge=0, description="coefficient of the quadratic term")
+    switch: Literal["none", "balsara"] = Field("none", description="switch that reduces viscosity in shear")
     pairs: Annotated[
         Literal["approaching", "all", "reconstructed"],
         Default('"reconstructed"; with switch = "balsara" "approaching"'),
     ] = Field(
         "reconstructed",
-        description="pairs that the linear term brakes; reconstructed: all, with velocities extrapolated to the middle "
-        "of a pair, and no viscosity in smooth flows; all: no pressure from shear",
+        description="pairs with a linear term: approaching, all (no pressure from shear), or reconstructed: all, with "
+        "velocities extrapolated to the pair's midpoint, so smooth flows have no viscosity",
     )
 
     @model_validator(mode="before")
@@ -87,9 +87,11 @@ class Viscosity(Table):
 class Quiet(Table):
     """Pressure with less noise in shear (`effects/quiet.py`); true stands for the defaults below."""
 
-    share: Number = Field(0.9, ge=0, le=1, description="of the mean pressure that no pair of particles feels")
-    time: Number = Field(10.0, gt=0, description="in discs, in which the density becomes the summed one, in 1 / Omega")
-    guard: Number = Field(0.75, ge=0, description="standard deviations of the density that pairs keep of the pressure")
+    share: Number = Field(0.9, ge=0, le=1, description="fraction of the mean pressure that is left out of pair forces")
+    time: Number = Field(
+        10.0, gt=0, description="time in 1 / Omega over which the density relaxes to the SPH sum, in discs"
+    )
+    guard: Number = Field(0.75, ge=0, description="pressure kept in pair forces, in standard deviations of the density")
 
 
 def _true_or_table(given: Any) -> Any:
@@ -100,30 +102,30 @@ def _true_or_table(given: Any) -> Any:
 class Conductivity(Table):
     """Artificial conductivity."""
 
-    alpha: Number = Field(1.0, ge=0, description="strength")
+    alpha: Number = Field(1.0, ge=0, description="coefficient of artificial conductivity")
 
 
 class Keys(Table):
     particles: Particles = Field(description="number of SPH particles")
     kernel: Annotated[
         Literal["cubic", "quintic", "quintic-h", "wendland-c2", "wendland-c4"],
-        Default(
-            '"cubic"; where no eta is named, in a disc "wendland-c2", in quiet gas and a settling layer "wendland-c4"'
-        ),
+        Default('"cubic"; without eta: "wendland-c2" in discs, "wendland-c4" in quiet gas and settling layers'),
     ] = Field("cubic", description="SPH kernel")
     eta: Annotated[
         Number,
         Default("cubic 1.345, quintic 1.1, quintic-h 3.3, wendland-c2 and wendland-c4 1.7; in 1D 2, quintic-h 6"),
-    ] = Field(gt=0, le=MOST_ETA, description="h = eta (m/rho)^(1/d)")
-    smoothing_length: Length | None = Field(None, gt=0, description="fixed h, instead of eta")
+    ] = Field(gt=0, le=MOST_ETA, description="eta in h = eta (m/rho)^(1/d)")
+    smoothing_length: Length | None = Field(
+        None, gt=0, description="smoothing length, the same for all particles, instead of eta"
+    )
     eos: AnyEos = Field(description="equation of state")
     precision: Literal["double", "single"] = Field(
-        "double", description="of the terms of the gas's sums over neighbours; all else is double"
+        "double", description="floating-point precision of the terms in SPH sums; the rest is double"
     )
-    viscosity: Annotated[Viscosity | None, Default("none; of quiet gas {alpha = 0.3, beta = 0.5}")] = None
+    viscosity: Annotated[Viscosity | None, Default("none; for quiet gas {alpha = 0.3, beta = 0.5}")] = None
     conductivity: Conductivity | None = None
     quiet: Annotated[Quiet | None, BeforeValidator(_true_or_table)] = Field(
-        None, description="less noise in discs and periodic planes of isothermal gas; true, or a table"
+        None, description="noise reduction for isothermal discs and periodic planes; true, or a table"
     )
 
     @model_validator(mode="before")
@@ -136,10 +138,10 @@ class Keys(Table):
 
 def _fixed_smoothing(draft: Draft) -> Iterator[Problem]:
     if draft.gas.smoothing_length is not None and draft.gives("gas", "eta"):
-        yield ("gas", "smoothing_length"), "gas.eta is there too; expected one of the two"
+        yield ("gas", "smoothing_length"), "gas.eta is also given; expected only one of the two"
     elif draft.space and (draft.gas.smoothing_length or 0.0) > 2 * max(draft.space.size):
         times = draft.gas.smoothing_length / max(draft.space.size)
-        yield ("gas", "smoothing_length"), f"{times:.3g} times as long as space.size; expected at most twice it"
+        yield ("gas", "smoothing_length"), f"{times:.3g} times space.size; expected at most 2 times"
 
 
 def _neighbours(draft: Draft) -> Iterator[Problem]:
@@ -157,7 +159,10 @@ def _heat_to_conduct(draft: Draft) -> Iterator[Problem]:
     """Yield a problem of conductivity in gas that holds no heat."""
     if draft.gas.conductivity and not draft.eos.holds_heat:
         words = " or ".join(f'"{kind}"' for kind, eos in EOS.items() if eos.holds_heat)
-        yield ("gas", "conductivity"), f'conducts heat, but the gas is "{draft.eos_kind}"; expected kind = {words}'
+        yield (
+            ("gas", "conductivity"),
+            f'conductivity needs an energy equation, but gas.eos.kind is "{draft.eos_kind}"; expected {words}',
+        )
 
 
 def _quiet(draft: Draft) -> Iterator[Problem]:
@@ -168,12 +173,12 @@ def _quiet(draft: Draft) -> Iterator[Problem]:
     if gas.quiet is None:
         return
     if not draft.has("star") and not (draft.space and draft.space.boundary == "periodic" and draft.dimensions == 2):
-        yield where, "only rings and periodic planes have a mean pressure; expected a table [star], or such a space"
+        yield where, "quiet needs a disc about a star, or a periodic 2D space; expected one of these, or no quiet"
     if draft.eos_kind not in QUIETED:
-        wrong = f'density that follows the flow has no energy, and the gas is "{draft.eos_kind}"'
+        wrong = f'quiet has no energy equation, but gas.eos.kind is "{draft.eos_kind}"'
         yield where, f'{wrong}; expected kind = "isothermal" or "locally-isothermal"'
     if gas.viscosity is None or gas.viscosity.acts_in_shear:
-        wrong = "it takes the slopes of the velocity that reconstruction makes"
+        wrong = "quiet needs the velocity gradients of the reconstruction"
         yield where, f'{wrong}; expected gas.viscosity.pairs = "reconstructed"'
 
 
@@ -181,8 +186,8 @@ def _switched_twice(draft: Draft) -> Iterator[Problem]:
     """Yield a problem of a switch and reconstruction that both remove viscosity from shear."""
     viscosity = draft.gas.viscosity
     if viscosity and not viscosity.acts_in_shear and viscosity.switch != "none":
-        twice = f'"{viscosity.switch}" takes viscosity out of shear, and so does pairs = "{viscosity.pairs}"'
-        yield ("gas", "viscosity", "switch"), f"{twice}; expected one of them"
+        twice = f'"{viscosity.switch}" removes viscosity from shear, and so does pairs = "{viscosity.pairs}"'
+        yield ("gas", "viscosity", "switch"), f"{twice}; expected only one of the two"
 
 
 # Largest h/H. Sound, and viscosity in shear, need h/H below FINE. At the edge of a disc h/H is largest, and gas spreads
@@ -220,7 +225,7 @@ def _long_step(scene: Scene, at: Local) -> Iterator[str]:
     if dt > most[worst]:
         given, best = (scene.units.show(time, "time") for time in (dt, most[worst]))
         yield (
-            f"run.timestep = {given} is {dt / most[worst]:.2g} times what sound allows {at.where(worst)}: "
+            f"run.timestep = {given} is {dt / most[worst]:.2g} times the sound limit {at.where(worst)}: "
             f"lower it to {best}, or leave it out"
         )
 

@@ -41,30 +41,31 @@ EosWithoutHeat: Any = kinds_of(eos for eos in EOS.values() if not eos.holds_heat
 class Bump(Table):
     """More gas about a radius: Sigma times 1 + height exp(-(r - radius)^2 / (2 width^2))."""
 
-    radius: Length = Field(gt=0, description="where it is highest")
-    width: Length = Field(gt=0, description="standard deviation of the Gaussian")
-    height: Number = Field(gt=0, description="at its radius, over the gas there")
+    radius: Length = Field(gt=0, description="radius of the maximum")
+    width: Length = Field(gt=0, description="standard deviation of the Gaussian bump")
+    height: Number = Field(gt=0, description="relative increase of Sigma at the maximum")
 
 
 class Gap(Table):
     """Less gas about a radius, like the gap of a planet: Sigma times 1 - depth exp(-(r - radius)^2 / (2 width^2))."""
 
-    radius: Length = Field(gt=0, description="where it is deepest")
-    width: Length = Field(gt=0, description="standard deviation of the Gaussian")
-    depth: Number = Field(gt=0, lt=1, description="at its radius, over the gas there")
+    radius: Length = Field(gt=0, description="radius of the minimum")
+    width: Length = Field(gt=0, description="standard deviation of the Gaussian gap")
+    depth: Number = Field(gt=0, lt=1, description="relative decrease of Sigma at the minimum")
 
 
 class Keys(Table):
-    """Gas as a given disc in balance about the star, in place of [gas]; it drags the dust, and nothing changes it."""
+    """Prescribed gas disc in equilibrium about the star, instead of [gas]. It drags the dust and does not change."""
 
-    surface_density: SurfaceDensity | None = Field(None, gt=0, description="Sigma at reference_radius")
+    surface_density: SurfaceDensity | None = Field(None, gt=0, description="surface density at reference_radius")
     file: ColumnsFile = Field(
         None,
-        description="instead of a power law: columns r and Sigma, and if wanted T, in place of the temperature of eos, "
+        description="text file with columns r, Sigma and optionally T, instead of the power law and the "
+        "temperature of eos; "
         'with units in the header: "# r [au]  Sigma [g/cm2]  T [K]"',
     )
     surface_density_index: Number = Field(1.0, description="p in Sigma ~ r^-p")
-    reference_radius: Length = Field(1.0, gt=0, description="where surface_density holds")
+    reference_radius: Length = Field(1.0, gt=0, description="radius at which surface_density holds")
     eos: EosWithoutHeat = Field(description="equation of state")
     bump: Bump | None = None
     gap: Gap | None = None
@@ -73,32 +74,39 @@ class Keys(Table):
 def _alone_about_a_star(draft: Draft) -> Iterator[Problem]:
     """Yield problems of a given disc with [gas], without dust, star or drag, or in an unsuitable space."""
     if draft.has("gas"):
-        yield ("background",), "[gas] is there too; expected one of the two: SPH gas, or gas as a given disc"
-    for table, why in (("dust", "moves in it"), ("star", "it turns about"), ("drag", "couples dust to it")):
+        yield ("background",), "[gas] is also given; expected either [gas] (SPH) or [background] (prescribed disc)"
+    for table, why in (
+        ("dust", "is useful only with dust"),
+        ("star", "orbits a star"),
+        ("drag", "acts on dust only by drag"),
+    ):
         if not draft.has(table):
-            yield ("background",), f"nothing {why}; expected a table [{table}] too"
+            yield ("background",), f"a [background] {why}; expected a table [{table}] too"
     if draft.space and (draft.dimensions != 2 or draft.space.boundary != "open"):
-        yield ("space",), 'a [background] is a disc; expected dimensions = 2 and boundary = "open"'
+        yield ("space",), '[background] is a 2D disc; expected dimensions = 2 and boundary = "open"'
     if draft.run and draft.run.integrator != "kdk":
-        yield ("run", "integrator"), 'dust in a [background] needs "kdk"'
+        yield ("run", "integrator"), 'this integrator does not support [background]; expected "kdk"'
     if draft.drag and draft.drag.direction != "one-way":
-        yield ("drag", "direction"), 'nothing moves a [background]; expected direction = "one-way"'
+        yield ("drag", "direction"), 'dust cannot act on a [background]; expected direction = "one-way"'
 
 
 def _one_density(draft: Draft) -> Iterator[Problem]:
     """Yield problems of a given disc with no density or two, and of columns that do not fit."""
     given = draft.background
     if given.file is None and given.surface_density is None:
-        yield ("background",), "the gas has no density; expected surface_density, or file"
+        yield ("background",), "no surface density is given; expected surface_density, or file"
     for key in ("surface_density", "surface_density_index"):
         if given.file is not None and draft.gives("background", key):
-            yield ("background", key), "background.file is there too; expected one of the two"
+            yield ("background", key), "background.file is also given; expected only one of the two"
     if given.file is not None and given.file.has("resolution"):
-        yield ("background", "file"), "has a column resolution, but a given disc has no particles; expected none"
+        yield (
+            ("background", "file"),
+            "the file has a column resolution, but [background] has no particles; expected no such column",
+        )
     takes = [name for name in EOS if EOS[name].takes_temperature and not EOS[name].holds_heat]
     if given.file is not None and given.file.has("T") and given.eos.kind not in takes:
         words = " or ".join(f'"{name}"' for name in takes)
-        wrong = f'has a column T, but the gas is "{given.eos.kind}", which does not take one'
+        wrong = f'the file has a column T, but background.eos.kind "{given.eos.kind}" does not use it'
         yield ("background", "file"), f"{wrong}; expected background.eos.kind = {words}, or no column T"
 
 

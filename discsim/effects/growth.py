@@ -64,18 +64,20 @@ def _usual(length: str) -> BeforeValidator:
 class Keys(Table):
     """Growth and fragmentation of dust."""
 
-    fragmentation_speed: Velocity = Field(ge=0, description="at which grains break; 0: all dust becomes small")
-    alpha: Annotated[Number | None, Default("alpha_viscosity's")] = Field(
-        None, ge=0, description="of the turbulence in which grains meet and settle"
+    fragmentation_speed: Velocity = Field(
+        ge=0, description="impact velocity above which grains fragment; 0: all dust becomes small"
     )
-    small_size: Annotated[Length | None, _usual("1 um"), Default('"1 um"; none in code units')] = Field(
-        None, gt=0, validate_default=True, description="a_*: dust below it is small, and carried by the gas"
+    alpha: Annotated[Number | None, Default("same as alpha_viscosity")] = Field(
+        None, ge=0, description="alpha of the turbulence that sets collision velocities and settling"
+    )
+    small_size: Annotated[Length | None, _usual("1 um"), Default('"1 um"; required in code units')] = Field(
+        None, gt=0, validate_default=True, description="a_*: size below which dust is small dust, carried by the gas"
     )
     smallest: Annotated[Length | None, _usual("5e-3 um"), Default('"5e-3 um"; in code units small_size / 200')] = Field(
-        None, gt=0, validate_default=True, description="a_min of n(a) ~ a^-3.5"
+        None, gt=0, validate_default=True, description="a_min in the size distribution n(a) ~ a^-3.5"
     )
-    small_ratio: Annotated[Number | None, Default("dust.ratio: all of it")] = Field(
-        None, ge=0, description="dust-to-gas mass ratio of the small dust at the start, a part of dust.ratio"
+    small_ratio: Annotated[Number | None, Default("dust.ratio: all dust")] = Field(
+        None, ge=0, description="initial mass ratio of small dust to gas, included in dust.ratio"
     )
 
 
@@ -83,40 +85,49 @@ def _who_grows(draft: Draft) -> Iterator[Problem]:
     """Yield problems of a scene that lacks a table which growth needs."""
     here = ("growth",)
     if draft.has("background"):
-        yield here, "small dust is carried by gas particles, which a [background] has not; expected [gas] instead"
+        yield here, "growth needs gas particles to carry small dust, but [background] has none; expected [gas] instead"
     for table, why in (
-        ("gas", "small dust is carried by gas"),
-        ("dust", "grown dust is dust particles"),
-        ("drag", "grains meet in gas that drags them"),
-        ("star", "grains meet and settle on orbits"),
+        ("gas", "growth needs gas to carry small dust"),
+        ("dust", "growth needs dust particles"),
+        ("drag", "collision velocities need drag"),
+        ("star", "collision velocities need an orbital frequency"),
     ):
         if not draft.has(table) and not (table == "gas" and draft.has("background")):
             yield here, f"{why}; expected a table [{table}] too"
     if draft.growth.alpha is None and not draft.has("alpha_viscosity"):
-        yield here, "nothing says how turbulent the gas is; expected growth.alpha, or a table [alpha_viscosity]"
+        yield here, "no strength of the turbulence is given; expected growth.alpha, or a table [alpha_viscosity]"
 
 
 def _sizes(draft: Draft) -> Iterator[Problem]:
     own = draft.growth
     if own.small_size is None:
-        yield ("growth", "small_size"), "missing; in code units nothing says how long 1 um is"
+        yield (
+            ("growth", "small_size"),
+            "missing; the default 1 um is not available in code units; expected a size in code units",
+        )
     elif own.smallest is not None and own.small_size <= own.smallest:
-        yield ("growth", "smallest"), "not below growth.small_size; expected smallest < small_size"
+        yield ("growth", "smallest"), "smallest is not smaller than small_size; expected smallest < small_size"
 
 
 def _one_population(draft: Draft) -> Iterator[Problem]:
     if draft.dust is None:
         return
     if len(draft.dust) > 1:
-        yield ("growth",), f"{len(draft.dust)} populations of dust; expected one, whose particles have their own sizes"
+        yield ("growth",), f"{len(draft.dust)} populations of dust, but growth allows one; expected one [[dust]] table"
         return
     ((dust,), own) = draft.dust, draft.growth
     if isinstance(dust.grain_size, Sizes):
-        yield ("dust", 0, "grain_size"), "sizes come from growth; expected one length, that of the start"
+        yield (
+            ("dust", 0, "grain_size"),
+            "a size distribution is not allowed with growth; expected one length, the initial size",
+        )
     elif None not in (dust.grain_size, own.small_size) and dust.grain_size < own.small_size:
-        yield ("dust", 0, "grain_size"), "below growth.small_size, of dust that gas carries; expected no less than that"
+        yield ("dust", 0, "grain_size"), "smaller than growth.small_size; expected at least growth.small_size"
     if own.small_ratio is not None and own.small_ratio > dust.ratio:
-        yield ("growth", "small_ratio"), f"above dust.ratio = {dust.ratio:g}, of all dust; expected no more than that"
+        yield (
+            ("growth", "small_ratio"),
+            f"larger than dust.ratio = {dust.ratio:g}, which includes small dust; expected at most dust.ratio",
+        )
 
 
 def _of_grains(draft: Draft) -> Iterator[Problem]:
@@ -125,16 +136,26 @@ def _of_grains(draft: Draft) -> Iterator[Problem]:
         return
     if not LAWS[draft.drag.law].of_grains:
         words = " or ".join(f'"{name}"' for name, law in LAWS.items() if law.of_grains)
-        yield ("growth",), f'drag.law "{draft.drag.law}" knows no sizes; expected {words}'
+        yield (
+            ("growth",),
+            f'growth needs a drag law that depends on grain size, and "{draft.drag.law}" does not; expected {words}',
+        )
     if not SCHEMES[draft.drag.scheme].sizes and not draft.has("background"):
         words = " or ".join(f'"{name}"' for name, scheme in SCHEMES.items() if scheme.sizes)
-        yield ("growth",), f'drag.scheme "{draft.drag.scheme}" takes one size a population; expected {words}'
+        yield (
+            ("growth",),
+            f'growth needs a scheme with a size per particle, and "{draft.drag.scheme}" has one per population; '
+            f"expected {words}",
+        )
 
 
 def _brings_masses(draft: Draft) -> Iterator[Problem]:
     """Yield a problem of growth.small_ratio if the particles come with their small dust."""
     if draft.growth.small_ratio is not None and (draft.start is None or draft.start.take_up):
-        yield ("growth", "small_ratio"), "particles that are given bring their small dust; expected no such key"
+        yield (
+            ("growth", "small_ratio"),
+            "not used with given particles, which include their small dust; expected this key left out",
+        )
 
 
 class Effect(base.Effect):
@@ -164,10 +185,10 @@ class Effect(base.Effect):
         found = growth.limits(scene, at)
         if found is None:
             return
-        for name, sizes in (("break", found.fragmentation), ("drift as they grow", found.drift)):
+        for name, sizes in (("fragmentation limit", found.fragmentation), ("drift limit", found.drift)):
             texts = [scene.units.show(float(size), "length") if size < math.inf else "none" for size in sizes]
-            yield f"size where grains {name}", ", ".join(texts)
-        yield "Stokes number of the smaller", ", ".join(f"{stokes:.3g}" for stokes in found.stokes)
+            yield f"grain size at {name}", ", ".join(texts)
+        yield "Stokes number at the smaller limit", ", ".join(f"{stokes:.3g}" for stokes in found.stokes)
         times = [scene.units.show(float(time), "time") for time in found.time]
         yield "growth time of settled grains", ", ".join(times)
 
@@ -176,7 +197,10 @@ class Effect(base.Effect):
         found, (dust,) = growth.limits(scene, at), scene.dust or ()
         if found is not None and dust.grain_size > found.fragmentation.max() > 0.0:
             size = scene.units.show(float(found.fragmentation.max()), "length")
-            yield f"grains break from {size} on, below dust.grain_size: lower it, or raise growth.fragmentation_speed"
+            yield (
+                f"grains fragment above {size}, which is below dust.grain_size: lower dust.grain_size, or raise "
+                "growth.fragmentation_speed"
+            )
 
     @classmethod
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:

@@ -39,20 +39,20 @@ PUSH = 6.0  # CPU nanoseconds in a step, per grain
 def _each(value: Any) -> Any:
     """Return beta as a list."""
     if isinstance(value, list | tuple) and not value:
-        raise fault("an empty list; expected a number, or one a population of dust")
+        raise fault("the list is empty; expected a number, or one number per population of dust")
     return list(value) if isinstance(value, list | tuple) else [value]
 
 
 class Keys(Table):
-    beta: Annotated[tuple[Annotated[Number, Field(ge=0)], ...], BeforeValidator(_each), Words("number, or a list")] = (
-        Field(description="F_rad / F_grav of the grains; a list has one a population of dust")
-    )
+    beta: Annotated[
+        tuple[Annotated[Number, Field(ge=0)], ...], BeforeValidator(_each), Words("number, or list of numbers")
+    ] = Field(description="F_rad / F_grav of the grains; list: one number per population of dust")
 
 
 def _needs(draft: Draft) -> Iterator[Problem]:
-    for table, what in (("dust", "shines on no dust"), ("star", "comes from no star")):
+    for table, what in (("dust", "acts on dust"), ("star", "needs a star")):
         if not draft.has(table):
-            yield ("radiation_pressure",), f"the light {what}; expected a table [{table}] too"
+            yield ("radiation_pressure",), f"radiation pressure {what}; expected a table [{table}] too"
 
 
 def _one_a_population(draft: Draft) -> Iterator[Problem]:
@@ -60,13 +60,16 @@ def _one_a_population(draft: Draft) -> Iterator[Problem]:
     if draft.dust and given not in (1, there):
         yield (
             ("radiation_pressure", "beta"),
-            f"{given} numbers for {there} populations of dust; expected {there}, or one",
+            f"{given} numbers for {there} populations of dust; expected {there} numbers, or one",
         )
 
 
 def _moves_by_particles(draft: Draft) -> Iterator[Problem]:
     if draft.drag and SCHEMES[draft.drag.scheme].on_grid:
-        yield ("radiation_pressure",), f'dust of scheme "{draft.drag.scheme}" feels none; expected another drag.scheme'
+        yield (
+            ("radiation_pressure",),
+            f'drag.scheme "{draft.drag.scheme}" has no radiation pressure; expected another drag.scheme',
+        )
 
 
 def _has_orbits(draft: Draft) -> Iterator[Problem]:
@@ -77,7 +80,7 @@ def _has_orbits(draft: Draft) -> Iterator[Problem]:
     if not draft.has("drag") or getattr(draft.initial, "dust_velocity", None) == "balance":
         yield (
             ("radiation_pressure", "beta"),
-            f"{most:g} pushes grains out more than the star pulls: no orbit is in balance; expected less than 1, or "
+            f"beta = {most:g} is at least 1, so grains have no circular orbit; expected less than 1, or "
             '[drag] with initial.dust_velocity = "drift"',
         )
 
@@ -113,8 +116,8 @@ class Effect(base.Effect):
         most = 1.0 - float(pull_share(scene).min())
         if most >= 1.0 and scene.drag is not None:
             yield (
-                f"radiation_pressure.beta = {most:g}: from 1 on grains have no orbit, and only the gas's drag holds "
-                "them; expected less than 1 for grains that are to stay"
+                f"radiation_pressure.beta = {most:g}: grains with beta >= 1 are unbound, and only gas drag holds "
+                "them back; expected less than 1 for bound grains"
             )
 
     def operators(self, state: State) -> list[base.Operator]:

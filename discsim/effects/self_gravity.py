@@ -43,12 +43,16 @@ Array = np.ndarray
 
 
 class Keys(Table):
-    softening: Length | None = Field(None, gt=0, description='Plummer length, for kernel "plummer"')
+    softening: Length | None = Field(None, gt=0, description='Plummer softening length, for kernel "plummer"')
     kernel: Literal["plummer", "thin-disc"] = Field(
-        "plummer", description='1 / sqrt(r^2 + softening^2), or the mean over a Gaussian disc of height "thickness"'
+        "plummer",
+        description="softened potential: 1 / sqrt(r^2 + softening^2), or the average over a Gaussian disc with "
+        "scale height thickness",
     )
     thickness: Length | None = Field(None, gt=0, description='constant scale height H, for kernel "thin-disc"')
-    sources: tuple[Literal["gas", "dust"], ...] = Field(("gas", "dust"), min_length=1, description="what attracts")
+    sources: tuple[Literal["gas", "dust"], ...] = Field(
+        ("gas", "dust"), min_length=1, description="species that make the gravitational field"
+    )
 
 
 CELL, MOVED = 50.0, 18.0  # CPU nanoseconds in a step: per grid cell, and per particle (deposit and pull)
@@ -63,7 +67,7 @@ def kernel_length(scene: Scene) -> float:
 def _boundary_of_a_line(draft: Draft) -> Iterator[Problem]:
     """Yield a problem of open boundaries in 1D."""
     if draft.dimensions == 1 and draft.space and draft.space.boundary == "open":
-        yield ("space", "boundary"), '"open" does not go with self_gravity in 1D; expected "periodic"'
+        yield ("space", "boundary"), 'self-gravity in 1D needs periodic boundaries; expected "periodic"'
 
 
 def _sheets(draft: Draft) -> Iterator[Problem]:
@@ -76,9 +80,7 @@ def _sheets(draft: Draft) -> Iterator[Problem]:
     if draft.dimensions != 1 or draft.in_code_units or not start or start.column:
         return
     if 1 in start.dimensions and start.boundary == "periodic":  # other rules report the remaining starts
-        wrong = (
-            f"in 1D it is that of a thin sheet, which has a surface density, but a {draft.kind} has a volume density"
-        )
+        wrong = f'self-gravity in 1D is for surface densities, but initial.kind "{draft.kind}" has a volume density'
         words = " or ".join(f'"{name}"' for name in kinds(lambda start: start.column))
         yield ("self_gravity",), f"{wrong}; expected initial.kind = {words}, or space.dimensions = 2"
 
@@ -88,18 +90,21 @@ def _length_of_the_kernel(draft: Draft) -> Iterator[Problem]:
     needed = KERNEL_KEYS[kernel]
     unsaid = not draft.gives("self_gravity", "kernel")
     if unsaid and draft.self_gravity.thickness is not None:
-        yield ("self_gravity", "thickness"), 'nothing uses it; expected kernel = "thin-disc" beside it'
+        yield ("self_gravity", "thickness"), 'used only by kernel "thin-disc"; expected kernel = "thin-disc" too'
     elif getattr(draft.self_gravity, needed) is None:
-        yield ("self_gravity", needed), f'missing; kernel "{kernel}" needs it'
+        yield ("self_gravity", needed), f'missing, but kernel "{kernel}" needs it; expected a length'
 
 
 def _sources(draft: Draft) -> Iterator[Problem]:
     sources = draft.self_gravity.sources
     if len(set(sources)) < len(sources):
-        yield ("self_gravity", "sources"), "a source is there twice; expected each once"
+        yield ("self_gravity", "sources"), "a source occurs twice; expected each source once"
     for name in sources:
         if draft.gives("self_gravity", "sources") and not draft.has(name):
-            yield ("self_gravity", "sources"), f'"{name}" is to attract, but there is no table [{name}]'
+            yield (
+                ("self_gravity", "sources"),
+                f'"{name}" is listed, but there is no table [{name}]; expected that table, or no "{name}"',
+            )
 
 
 def _enough_cells(draft: Draft) -> Iterator[Problem]:
@@ -109,7 +114,7 @@ def _enough_cells(draft: Draft) -> Iterator[Problem]:
     if min(space.size) / max(space.size) * space.cells < 5:
         yield (
             ("space", "cells"),
-            "self-gravity differentiates over five cells; expected 5 at least along each side",
+            "too few for self-gravity, whose derivative uses five cells; expected at least 5 cells along each side",
         )
 
 
@@ -164,14 +169,14 @@ def _coarse_collapse(scene: Scene, at: Local) -> Iterator[str]:
     held = mass[worst] / (reach * at.particle_mass * at.relative_mass[worst])
     if held < CLUMP:
         yield (
-            f"a mass that collapses {where} has {held:.2g} times the particles of a kernel, below {CLUMP}: "
-            f"raise gas.particles {CLUMP / held:.2g} times"
+            f"the smallest collapsing mass {where} has {held:.2g} times the particles of a kernel, below {CLUMP}: "
+            f"raise gas.particles by a factor of {CLUMP / held:.2g}"
         )
     cell = at.cell
     if length[worst] < CELLS * cell:
         yield (
-            f"what collapses {where} is {length[worst] / cell:.2g} grid cells wide, below {CELLS}: "
-            f"raise space.cells {CELLS * cell / length[worst]:.2g} times"
+            f"the smallest collapsing region {where} is {length[worst] / cell:.2g} grid cells wide, below {CELLS}: "
+            f"raise space.cells by a factor of {CELLS * cell / length[worst]:.2g}"
         )
 
 

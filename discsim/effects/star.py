@@ -47,40 +47,47 @@ PULL = 5.0  # CPU nanoseconds in a step, per particle; twice if its pull on the 
 
 
 class Keys(Table):
-    mass: Mass = Field(gt=0, description="of the star")
-    accretion_radius: Length = Field(0.0, ge=0, description="what comes closer is removed and accounted for")
-    softening: Length = Field(0.0, ge=0, description="Plummer length")
-    frame: Literal["star", "inertial"] = Field("star", description='origin on the star, or "inertial": it moves')
+    mass: Mass = Field(gt=0, description="mass of the star")
+    accretion_radius: Length = Field(0.0, ge=0, description="radius within which particles are accreted; 0: none")
+    softening: Length = Field(0.0, ge=0, description="Plummer softening length")
+    frame: Literal["star", "inertial"] = Field(
+        "star", description='"star": origin at the star; "inertial": the star moves'
+    )
     indirect: Annotated[
         tuple[Literal["companions", "gas", "dust"], ...] | None,
-        Default("companions, and gas and dust where they gravitate"),
-    ] = Field(None, description="whose pull on the star counts")
-    grows: StrictBool = Field(False, description="takes the mass it accretes; inertial: its momentum too")
+        Default("companions; gas and dust with [self_gravity]"),
+    ] = Field(None, description="sources of gravity that accelerate the star")
+    grows: StrictBool = Field(
+        False, description="accreted mass is added to the star (and momentum, in the inertial frame)"
+    )
     centre: Literal["star", "barycentre"] = Field(
         "star",
-        description='point that the disc turns about; "barycentre": of star and bound companions, in frame "inertial"',
+        description='centre of the disc; "barycentre": of star and bound companions, needs frame = "inertial"',
     )
 
 
 def _at_the_centre(draft: Draft) -> Iterator[Problem]:
     """Yield problems of a space that has no centre for a star."""
     if draft.dimensions == 1:
-        yield ("star",), "a star needs two dimensions, but space.dimensions is 1"
+        yield ("star",), "a star is possible only in two dimensions; expected space.dimensions = 2"
     elif draft.space and draft.space.boundary == "periodic" and not (draft.start and draft.start.edges):
-        yield ("star",), "a periodic space has no centre, and the star's images would pull; expected open boundaries"
+        yield ("star",), 'a star is not possible in a periodic space; expected space.boundary = "open"'
 
 
 def _who_pulls(draft: Draft) -> Iterator[Problem]:
     """Yield problems of `indirect`, the list of what pulls the star."""
     names = draft.star.indirect or ()
     if len(set(names)) < len(names):
-        yield ("star", "indirect"), "a name is there twice; expected each once"
+        yield ("star", "indirect"), "a name occurs twice; expected each name once"
     for name in dict.fromkeys(names):
         table = "companion" if name == "companions" else name
         if not draft.has(table):
-            yield ("star", "indirect"), f'"{name}" is to pull, but there is no table [{table}]'
+            yield (
+                ("star", "indirect"),
+                f'"{name}" is listed, but there is no table [{table}]; expected that table, or no "{name}"',
+            )
     if "dust" in names and draft.one_way_beside_gas:
-        wrong = "one-way dust must leave the gas alone, and a star that it pulls moves the gas"
+        wrong = "with one-way drag, dust must not act on the gas, not even through the motion of the star"
         yield ("star", "indirect"), f'{wrong}; expected no "dust", or drag.direction = "two-way"'
 
 
@@ -88,21 +95,24 @@ def _frame(draft: Draft) -> Iterator[Problem]:
     """Yield problems of the frame, of the centre of the disc, and of a star that grows without an accretion radius."""
     star = draft.star
     if star.frame == "inertial" and draft.has("background"):
-        yield ("star", "frame"), 'a [background] turns about a star at the origin; expected "star"'
+        yield ("star", "frame"), 'a [background] needs the star at the origin; expected "star"'
     if star.centre == "barycentre":
         if not draft.has("companion"):
-            yield ("star", "centre"), "without companions the star is the barycentre; expected a table [[companion]]"
+            yield ("star", "centre"), 'centre = "barycentre" needs a companion; expected a table [[companion]]'
         if star.frame == "star":
-            yield ("star", "centre"), 'the barycentre moves about the star; expected star.frame = "inertial" too'
+            yield (
+                ("star", "centre"),
+                'centre = "barycentre" needs the inertial frame; expected star.frame = "inertial" too',
+            )
         if star.indirect is not None and "companions" not in star.indirect:
-            wrong = "a star that companions do not pull is at rest, and the barycentre is not"
-            yield ("star", "indirect"), f'{wrong}; expected "companions" among them, or centre = "star"'
+            wrong = 'centre = "barycentre" needs companions that accelerate the star'
+            yield ("star", "indirect"), f'{wrong}; expected "companions" in the list, or centre = "star"'
         bound = [c for c in draft.companion or () if c.eccentricity < 1.0]
         if len(bound) > 1 and any(c.orbit == "fixed" for c in bound):
-            wrong = f'the barycentre of {len(bound)} bound companions, some on orbits = "fixed", moves'
+            wrong = f'with {len(bound)} bound companions and orbit = "fixed" the barycentre is not at rest'
             yield ("star", "centre"), f'{wrong}; expected orbit = "live" in each, or centre = "star"'
     if star.grows and star.accretion_radius == 0.0:
-        yield ("star", "grows"), "the star takes nothing; expected star.accretion_radius too"
+        yield ("star", "grows"), "the star accretes nothing; expected star.accretion_radius too"
 
 
 def nearest_row(pos: np.ndarray, place: tuple[float, float]) -> int:

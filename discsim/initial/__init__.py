@@ -107,7 +107,9 @@ def make_state(scene: Scene, given: Given) -> State:
 def _common(name: str, given: dict[str, Any], first_id: int) -> dict[str, np.ndarray]:
     arrays = {key: np.array(given[key], float, order="C") for key in ("pos", "vel", "mass")}  # kernels need C order
     if not all(np.isfinite(array).all() for array in arrays.values()) or arrays["mass"].min() <= 0.0:
-        raise ValueError(f"the start makes {name} that is not finite, or has no mass; expected less extreme values")
+        raise ValueError(
+            f"the start gives {name} with values that are not finite, or without mass; expected less extreme values"
+        )
     return arrays | {
         "acc": np.zeros_like(arrays["pos"]),
         "ids": np.arange(first_id, first_id + len(arrays["mass"]), dtype=np.int64),

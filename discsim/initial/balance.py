@@ -46,16 +46,15 @@ RING = 32  # least number of particles in a ring that is averaged
 class Settled(Table):
     """Keys of a start whose velocities balance the forces."""
 
-    dust_velocity: Annotated[
-        Literal["balance", "drift"] | None, Default('"drift" where dust drags gas or gas dust, else "balance"')
-    ] = Field(
-        None, description='circles about the centre, or "drift": the steady drift of all populations with the gas'
+    dust_velocity: Annotated[Literal["balance", "drift"] | None, Default('"drift" with drag, else "balance"')] = Field(
+        None,
+        description="initial velocity of dust: circular orbits, or the steady drift of all populations with the gas",
     )
     relax: Orbits = Field(
         0.0,
         ge=0,
         le=MOST_ORBITS,
-        description="orbits at reference_radius before t = 0, in which the gas settles under damping",
+        description="orbits at reference_radius of damped relaxation of the gas before t = 0",
     )
 
 
@@ -63,12 +62,12 @@ def relaxes_gas(draft: Draft) -> Iterator[Problem]:
     """Yield problems of `initial.relax`: it needs [gas] and [star], and no perturbation."""
     if draft.initial.relax == 0.0:
         return
-    for table, why in (("gas", "there is no gas to settle"), ("star", "it counts orbits about a star")):
+    for table, why in (("gas", "relaxation needs gas"), ("star", "relaxation is measured in orbits about a star")):
         if not draft.has(table):
             yield ("initial", "relax"), f"{why}; expected a table [{table}] too, or no relax"
     if getattr(draft.initial, "perturbation", 0.0) > 0.0:
-        wrong = "initial.perturbation is there too, which rings that settle would even out"
-        yield ("initial", "relax"), f"{wrong}; expected one of the two"
+        wrong = "initial.perturbation is also given, and relaxation would remove it"
+        yield ("initial", "relax"), f"{wrong}; expected only one of the two"
 
 
 class Balance:
@@ -214,9 +213,14 @@ def _refuse_falling(found: Balance, name: str, particles: Any) -> None:
     share = float(particles.mass[falling].sum() / particles.mass.sum())
     if share > support.MOST:
         where = found.scene.units.show(float(np.median(r[falling])), "length")
-        what = "self-gravity pulls outwards" if np.median(pull[falling]) <= 0.0 else "pressure or light pushes too much"
+        what = (
+            "self-gravity acts outwards"
+            if np.median(pull[falling]) <= 0.0
+            else "pressure or radiation pressure exceeds gravity"
+        )
         raise ValueError(
-            f"{share:.2g} of the {name} has no rotation in balance, about r = {where}, where {what}; expected lower "
+            f"a fraction of {share:.2g} of the {name} has no circular orbit, near r = {where}, where {what}; "
+            "expected lower "
             "H/r or beta, or a wider taper there"
         )
 

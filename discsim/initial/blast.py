@@ -30,9 +30,9 @@ class Blast(Table):
     """Heat in the middle of uniform gas at rest (Sedov)."""
 
     kind: Literal["blast"] = "blast"
-    density: Density = Field(1.0, gt=0, description="of the gas")
-    energy: Annotated[float, Measure("energy")] = Field(1.0, gt=0, description="of the blast")
-    radius: Length = Field(gt=0, description="within which it is put")
+    density: Density = Field(1.0, gt=0, description="surface density of the gas")
+    energy: Annotated[float, Measure("energy")] = Field(1.0, gt=0, description="energy of the blast")
+    radius: Length = Field(gt=0, description="radius of the region that receives the energy")
 
 
 def particles(scene: Scene) -> dict[str, Arrays]:
@@ -43,7 +43,7 @@ def particles(scene: Scene) -> dict[str, Arrays]:
     r2 = ((gas["pos"] - middle) ** 2).sum(axis=1)
     weight = np.maximum(0.0, 1.0 - r2 / start.radius**2) ** 2
     if not weight.any():
-        raise ValueError("initial.radius: no gas particle is within it; expected some spacings of the gas")
+        raise ValueError("initial.radius: no gas particle lies within this radius; expected several particle spacings")
     if eos.sound_speed is None and eos.aspect_ratio is None:
         around = COLD * start.energy / gas["mass"].sum()
     else:
@@ -101,7 +101,7 @@ def measure(scene: Scene) -> ErrorMeasure | None:
         width = min(scene.space.size) * sim.gas.count**-0.5
         return {kind: abs(front(p, width) / exact - 1.0) for kind, p in sim.state.species.items()}
 
-    return ErrorMeasure("radius of the shock against the exact one", errors)
+    return ErrorMeasure("shock radius compared with the exact one", errors)
 
 
 def front(particles: Particles, width: float) -> float:

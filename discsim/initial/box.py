@@ -21,9 +21,13 @@ class Box(Table):
     """A uniform periodic box (DustyBox)."""
 
     kind: Literal["box"] = "box"
-    density: Density = Field(1.0, gt=0, description="of the gas")
-    gas_velocity: VelocityVector = Field(0, validate_default=True, description="a number (along x) or [x, y]")
-    dust_velocity: VelocityVector = Field(0, validate_default=True, description="a number (along x) or [x, y]")
+    density: Density = Field(1.0, gt=0, description="density of the gas")
+    gas_velocity: VelocityVector = Field(
+        0, validate_default=True, description="initial velocity of the gas: a number (along x) or [x, y]"
+    )
+    dust_velocity: VelocityVector = Field(
+        0, validate_default=True, description="initial velocity of the dust: a number (along x) or [x, y]"
+    )
 
 
 def particles(scene: Scene) -> dict[str, Arrays]:
@@ -64,7 +68,7 @@ def measure(scene: Scene) -> ErrorMeasure | None:
         exact = found[kind == "dust"]
         return exact, exact - (dust - gas)
 
-    return ErrorMeasure("particle velocities against the exact relaxation", velocity_errors(exact))
+    return ErrorMeasure("particle velocities compared with the exact relaxation", velocity_errors(exact))
 
 
 START = Start(Box, particles, places, cells=cells, measure=measure, exact_with=("external",), uniform=True)

@@ -29,19 +29,22 @@ class Disc(balance.Settled):
     """A disc with Sigma ~ r^-p around the origin."""
 
     kind: Literal["disc"] = "disc"
-    mass: Mass | None = Field(None, gt=0, description="of the gas")
-    toomre_q: Number | None = Field(None, gt=0, description="least Toomre Q of the gas, instead of its mass")
+    mass: Mass | None = Field(None, gt=0, description="mass of the gas")
+    toomre_q: Number | None = Field(None, gt=0, description="minimum Toomre Q of the gas, instead of mass")
     surface_density: SurfaceDensity | None = Field(
-        None, gt=0, description="of the gas at reference_radius, instead of its mass"
+        None, gt=0, description="surface density of the gas at reference_radius, instead of mass"
     )
-    inner: Length = Field(gt=0, description="inner edge")
-    outer: Length = Field(gt=0, description="outer edge")
-    reference_radius: Length = Field(1.0, gt=0, description="where surface_density holds")
+    inner: Length = Field(gt=0, description="inner edge of the disc")
+    outer: Length = Field(gt=0, description="outer edge of the disc")
+    reference_radius: Length = Field(1.0, gt=0, description="radius at which surface_density holds")
     surface_density_index: Number = Field(1.0, description="p in Sigma ~ r^-p")
-    inner_taper: Length = Field(0.0, ge=0, description="width of the inner taper")
-    outer_taper: Length = Field(0.0, ge=0, description="width of the outer taper")
+    inner_taper: Length = Field(0.0, ge=0, description="width of the taper at the inner edge")
+    outer_taper: Length = Field(0.0, ge=0, description="width of the taper at the outer edge")
     perturbation: Number = Field(
-        0.0, ge=0, lt=0.2, description="amplitude in Sigma of each of the azimuthal modes 2 to 6, of random phases"
+        0.0,
+        ge=0,
+        lt=0.2,
+        description="relative amplitude in Sigma of the azimuthal modes m = 2 to 6, with random phases",
     )
 
 
@@ -63,18 +66,18 @@ def radial(scene: Scene) -> profile.Radial:
 def has_edges_in_space(draft: Draft) -> Iterator[Problem]:
     disc = draft.initial
     if disc.outer <= disc.inner:
-        yield ("initial", "outer"), "the outer edge is not outside the inner one; expected outer > inner"
+        yield ("initial", "outer"), "outer is not larger than inner; expected outer > inner"
     elif draft.space and min(draft.space.size) < 2 * disc.outer:
         share = min(draft.space.size) / (2 * disc.outer)
         yield (
             ("space", "size"),
-            f"the grid is smaller than the disc: its half side is {share:.3g} of initial.outer; "
+            f"the space is smaller than the disc: half a side is {share:.3g} of initial.outer; "
             "expected more than 1 (1.3 leaves room to spread)",
         )
     elif disc.inner_taper + disc.outer_taper > disc.outer - disc.inner:
         wide = (disc.inner_taper + disc.outer_taper) / (disc.outer - disc.inner)
         key = "inner_taper" if disc.inner_taper > disc.outer_taper else "outer_taper"
-        yield ("initial", key), f"the tapers are {wide:.3g} times as wide as the disc; expected 1 at most"
+        yield ("initial", key), f"the tapers are {wide:.3g} times as wide as the disc; expected at most 1"
 
 
 def has_finite_powers(draft: Draft) -> Iterator[Problem]:
@@ -89,14 +92,14 @@ def has_finite_powers(draft: Draft) -> Iterator[Problem]:
         index, where = getattr(law, key), law.reference_radius
         if max(abs(index * log10(r / where)) for r in (draft.initial.inner, draft.initial.outer)) > log10(LARGEST):
             path = (table, "eos", key) if key == "temperature_index" else (table, key)
-            yield path, f"{index:g} takes powers of the radius beyond {LARGEST:g} in the disc; expected a lesser slope"
+            yield path, f"{index:g} gives powers of the radius beyond {LARGEST:g}; expected a smaller index"
 
 
 def has_one_mass(draft: Draft) -> Iterator[Problem]:
     scales = ("mass", "toomre_q", "surface_density")
     given = [key for key in scales if getattr(draft.initial, key) is not None]
     if len(given) != 1:
-        wrong = "{} are there together".format(" and ".join(given)) if given else "the disc has no mass"
+        wrong = "{} are all given".format(" and ".join(given)) if given else "no mass of the disc is given"
         yield ("initial", *given[-1:]), f"{wrong}; expected exactly one of {', '.join(scales)}"
 
 
@@ -104,7 +107,7 @@ def needs_a_centre(draft: Draft) -> Iterator[Problem]:
     if not draft.has("star") and not draft.has("self_gravity"):
         yield (
             ("initial", "kind"),
-            "nothing holds the disc together; expected a table [star] or [self_gravity]",
+            "the disc is not bound by gravity; expected a table [star] or [self_gravity]",
         )
 
 
@@ -115,19 +118,19 @@ def has_a_q(draft: Draft) -> Iterator[Problem]:
         if not draft.has(table):
             yield ("initial", "toomre_q"), f"Q = c_s kappa / (pi G Sigma) needs a table [{table}]"
     if draft.has("background"):
-        yield ("initial", "toomre_q"), "there is no [gas] to have a Q; expected mass or surface_density"
+        yield ("initial", "toomre_q"), "Toomre Q needs gas; expected a table [gas], or mass or surface_density"
 
 
 def has_dust_within(draft: Draft) -> Iterator[Problem]:
     for i, dust in enumerate(draft.dust or ()):
         if dust.offset:
-            yield ("dust", i, "offset"), "a disc has no gas spacing; expected another kind"
+            yield ("dust", i, "offset"), "a disc has no uniform gas spacing; expected no offset"
         if dust.inner is not None and dust.outer is not None and dust.outer <= dust.inner:
             continue  # a general rule of dust reports this
         if dust.inner is not None and dust.inner >= draft.initial.outer:
-            yield ("dust", i, "inner"), "beyond the disc, where there is no gas; expected less than initial.outer"
+            yield ("dust", i, "inner"), "there is no gas outside the disc; expected less than initial.outer"
         elif dust.outer is not None and dust.outer <= draft.initial.inner:
-            yield ("dust", i, "outer"), "in the disc's hole, where there is no gas; expected more than initial.inner"
+            yield ("dust", i, "outer"), "there is no gas inside the inner edge; expected more than initial.inner"
 
 
 # Previews
@@ -154,8 +157,8 @@ def warnings(scene: Scene) -> Iterator[str]:
     if half < ROOM * outer and scene.model.given is None:
         wanted = scene.units.show(2 * ROOM * outer, "length")
         yield (
-            f"space.size leaves {half / outer - 1:.2g} of the disc's radius about it, below {ROOM - 1:.2g}: "
-            f"what spreads leaves the grid; raise it to {wanted}"
+            f"space.size leaves {half / outer - 1:.2g} of the disc's radius as margin, below {ROOM - 1:.2g}: "
+            f"spreading gas leaves the grid; raise space.size to {wanted}"
         )
 
 

@@ -49,7 +49,7 @@ def read(scene: Scene, particles: Any) -> Given:
     given: Given = {}
     for name in SPECIES:
         if (getattr(scene, name) is None) != (name not in particles):
-            have = "no particles were given" if name not in particles else "the scene has no such table"
+            have = "no particles are given for this table" if name not in particles else "the scene has no such table"
             problems.append(f"[{name}]: {have}; expected both or neither")
         elif name in particles:
             given[name], faults = _species(scene, name, particles[name])
@@ -94,11 +94,13 @@ def _species(scene: Scene, name: str, given: Any) -> tuple[dict[str, Array], lis
               for key in given if key not in known]  # fmt: skip
     faults += [f"{key} is missing{why}" for key, why in _missing(scene, name, given)]
     if "u" in given and name == "gas" and not eos_of(scene).holds_heat:
-        faults.append(f'u is given, but the gas is "{scene.gas.eos.kind}", which holds no heat; expected no such array')
+        faults.append(
+            f'u is given, but the gas is "{scene.gas.eos.kind}", which has no energy equation; expected no array u'
+        )
     if name == "dust" and "size" in given and not own_sizes(scene):
-        faults.append("size is given, but no dust.grain_size is of many; expected no such array")
+        faults.append("size is given, but dust.grain_size is not a size distribution; expected no array size")
     if "small" in given and name == "gas" and scene.table("growth") is None:
-        faults.append("small is given, but no dust grows; expected a table [growth] too, or no such array")
+        faults.append("small is given, but there is no [growth]; expected a table [growth] too, or no array small")
     arrays: dict[str, Array] = {}
     count = None
     for key in known:
@@ -120,7 +122,7 @@ def _missing(scene: Scene, name: str, given: Mapping[str, Any]) -> Iterator[tupl
     if name == "dust" and len(scene.dust) > 1 and "species" not in given:
         yield "species", f"; expected the number of each particle's population, 0 to {len(scene.dust) - 1}"
     if name == "dust" and own_sizes(scene) and "size" not in given and scene.table("growth") is None:
-        yield "size", "; expected the radius of each particle's grains, as dust.grain_size is of many"
+        yield "size", "; expected the radius of each particle's grains, as dust.grain_size is a size distribution"
     eos: Any = scene.gas.eos if scene.gas else None
     if name == "gas" and eos_of(scene).holds_heat and "u" not in given and not (eos.sound_speed or eos.aspect_ratio):
         yield "u", "; expected energies, or gas.eos.sound_speed or gas.eos.aspect_ratio in the scene"
@@ -189,21 +191,24 @@ def _together(scene: Scene, name: str, arrays: dict[str, Array]) -> Iterator[str
         if mass.max() > MASSES * mass.min():
             heavy, light = int(mass.argmax()), int(mass.argmin())
             yield (
-                f"mass[{heavy}] is {mass[heavy] / mass[light]:.3g} times mass[{light}]; expected {MASSES:g} times at "
-                "most, as SPH sums them"
+                f"mass[{heavy}] is {mass[heavy] / mass[light]:.3g} times mass[{light}]; expected at most {MASSES:g} "
+                "times, for accurate SPH sums"
             )
         if "small" in arrays and growth.small_dust_in_mass(scene):
             most = arrays["small"] - mass
             if most.max() >= 0.0:
                 i = int(most.argmax())
-                yield f"small[{i}] is {arrays['small'][i]:g}, all of mass[{i}] = {mass[i]:g}; expected a part of it"
+                yield f"small[{i}] is {arrays['small'][i]:g}, not below mass[{i}] = {mass[i]:g}; expected less"
         if _movable(arrays) == 0:
-            yield "immobile is true of all; expected some that move"
+            yield "immobile is true for all particles; expected some that can move"
         return
     arrays.setdefault("species", np.zeros(len(arrays["mass"]), np.int64))
     for number in range(len(scene.dust)):
         if _movable(arrays, number) == 0:
-            yield f"species has no {number} that moves; expected some of each population, 0 to {len(scene.dust) - 1}"
+            yield (
+                f"species {number} has no particle that can move; expected some in each population, 0 to "
+                f"{len(scene.dust) - 1}"
+            )
 
 
 def _words(names: tuple[str, ...]) -> str:

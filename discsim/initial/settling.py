@@ -43,9 +43,9 @@ class Settling(Table):
     """An isothermal layer in balance with external.vertical_frequency, and dust at rest in it."""
 
     kind: Literal["settling"] = "settling"
-    density: Density = Field(1.0, gt=0, description="of the gas in the midplane")
+    density: Density = Field(1.0, gt=0, description="density of the gas in the midplane")
     vertical_extent: Annotated[Length | None, Default("half of space.size")] = Field(
-        None, gt=0, description="height on both sides up to which gas moves and dust begins"
+        None, gt=0, description="height above and below the midplane up to which gas moves and dust starts"
     )
 
 
@@ -158,7 +158,7 @@ def _settle(state: State, effects: dict[str, Any]) -> None:
     left = np.abs(forces(np.zeros(len(free)))).max() / small * ROUNDING
     if left > BALANCED:
         raise ValueError(
-            f"gas.kernel: forces of {left:.2g} Omega^2 H are left in the layer, whose shortest waves make none under "
+            f"gas.kernel: forces of {left:.2g} Omega^2 H are left in the layer by kernel "
             f'"{scene.gas.kernel}" with this h; expected "wendland-c4" with eta = 2, or a smaller eta'
         )
 
@@ -180,7 +180,7 @@ def _newton_step(forces: Callable[[Array], Array], force: Array, spacing: Array,
 def needs_gravity(draft: Draft) -> Iterator[Problem]:
     if not (draft.external and draft.external.vertical_frequency > 0):
         path = ("external", "vertical_frequency") if draft.has("external") else ("external",)
-        yield path, "missing; the layer's weight is -Omega^2 z with Omega = external.vertical_frequency > 0"
+        yield path, "missing, but a settling layer needs vertical gravity; expected external.vertical_frequency > 0"
 
 
 def reaches_its_ends(draft: Draft) -> Iterator[Problem]:
@@ -195,14 +195,14 @@ def reaches_its_ends(draft: Draft) -> Iterator[Problem]:
     height = scale_height(draft)
     top = extent(draft) / height
     if top > 30.0:
-        wrong = f"a layer {2.0 * top:.3g} scale heights thick has no gas at its ends"
-        yield ("initial", "vertical_extent"), f"{wrong}; expected some scale heights c_s / Omega = {height:.3g}"
+        wrong = f"a layer {2.0 * top:.3g} scale heights thick has practically no gas at its ends"
+        yield ("initial", "vertical_extent"), f"{wrong}; expected a few scale heights c_s / Omega = {height:.3g}"
         return
     share = math.sqrt(2.0 * math.pi) * math.erf(top / math.sqrt(2.0))
     needed = math.ceil(0.1 * share * top * math.exp(0.5 * top * top))
     if draft.gas.particles < needed:
-        wrong = f"too few for a layer that reaches to {top:.3g} scale heights, where next to none would be"
-        yield ("gas", "particles"), f"{wrong}; expected {needed} at least, or a smaller initial.vertical_extent"
+        wrong = f"too few particles for a layer that reaches to {top:.3g} scale heights"
+        yield ("gas", "particles"), f"{wrong}; expected at least {needed}, or a smaller initial.vertical_extent"
 
 
 def places(scene: Scene) -> Places:
@@ -235,7 +235,7 @@ def measure(scene: Scene) -> ErrorMeasure | None:
         way = np.abs(height - start)
         return {"dust": float(np.sqrt(((sim.dust.pos[where, 0] - height) ** 2).mean()) / way.max())}
 
-    return ErrorMeasure("heights of the grains against their equation of motion, over the longest way", errors)
+    return ErrorMeasure("heights of the grains compared with their equation of motion, over the longest path", errors)
 
 
 def curves(scene: Scene, time: float, x: Array) -> dict[str, Curve]:

@@ -21,9 +21,9 @@ class Sheet(Table):
     """A periodic sheet with a standing density wave."""
 
     kind: Literal["sheet"] = "sheet"
-    surface_density: SurfaceDensity = Field(1.0, gt=0, description="mean")
+    surface_density: SurfaceDensity = Field(1.0, gt=0, description="mean surface density")
     amplitude: Number = Field(1e-3, gt=-1, lt=1, description="relative amplitude of the density wave")
-    wavenumber: Count = Field(1, ge=1, description="whole waves on the side")
+    wavenumber: Count = Field(1, ge=1, description="number of wavelengths in the box")
 
 
 def particles(scene: Scene) -> dict[str, Arrays]:
@@ -59,7 +59,7 @@ def measure(scene: Scene) -> ErrorMeasure | None:
         mode = 2.0 * (np.exp(-1j * k * sim.gas.pos[:, 0]) * sim.gas.mass).sum() / sim.gas.mass.sum()
         return {"gas": float(abs(mode * 1j - exact) / max(abs(exact), start.amplitude))}
 
-    return ErrorMeasure("amplitude of the density wave against the exact one", errors)
+    return ErrorMeasure("amplitude of the density wave compared with the exact one", errors)
 
 
 START = Start(Sheet, particles, places, column=True, measure=measure, exact_with=("self_gravity",))

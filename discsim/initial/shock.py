@@ -117,7 +117,7 @@ def measure(scene: Scene) -> ErrorMeasure | None:
         return flow.velocity[:, None], 0.0
 
     limit = ", in the limit of strong drag" if scene.dust else ""
-    return ErrorMeasure(f"particle velocities against the exact shock tube{limit}", velocity_errors(exact))
+    return ErrorMeasure(f"particle velocities compared with the exact shock tube{limit}", velocity_errors(exact))
 
 
 def curves(scene: Scene, time: float, x: Array) -> dict[str, Curve]:

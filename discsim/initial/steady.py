@@ -28,17 +28,22 @@ class Steady(balance.Settled):
     """A disc in steady accretion by its viscosity."""
 
     kind: Literal["steady"] = "steady"
-    surface_density: SurfaceDensity | None = Field(None, gt=0, description="of the gas at reference_radius")
-    accretion_rate: Annotated[float | None, Measure("accretion_rate")] = Field(
-        None, gt=0, description="of the gas onto the star, instead of its surface density"
+    surface_density: SurfaceDensity | None = Field(
+        None, gt=0, description="surface density of the gas at reference_radius"
     )
-    inner: Length = Field(gt=0, description="inner edge")
-    outer: Length = Field(gt=0, description="outer edge")
-    reference_radius: Length = Field(1.0, gt=0, description="where surface_density holds")
-    inner_taper: Length = Field(0.0, ge=0, description="width of the inner taper")
-    outer_taper: Length = Field(0.0, ge=0, description="width of the outer taper")
+    accretion_rate: Annotated[float | None, Measure("accretion_rate")] = Field(
+        None, gt=0, description="accretion rate onto the star, instead of surface_density"
+    )
+    inner: Length = Field(gt=0, description="inner edge of the disc")
+    outer: Length = Field(gt=0, description="outer edge of the disc")
+    reference_radius: Length = Field(1.0, gt=0, description="radius at which surface_density holds")
+    inner_taper: Length = Field(0.0, ge=0, description="width of the taper at the inner edge")
+    outer_taper: Length = Field(0.0, ge=0, description="width of the taper at the outer edge")
     perturbation: Number = Field(
-        0.0, ge=0, lt=0.2, description="amplitude in Sigma of each of the azimuthal modes 2 to 6, of random phases"
+        0.0,
+        ge=0,
+        lt=0.2,
+        description="relative amplitude in Sigma of the azimuthal modes m = 2 to 6, with random phases",
     )
 
 
@@ -75,7 +80,7 @@ def _one_scale(draft: Draft) -> Iterator[Problem]:
     scales = ("surface_density", "accretion_rate")
     given = [key for key in scales if getattr(draft.initial, key) is not None]
     if len(given) != 1:
-        wrong = "both are there" if given else "the disc has no mass"
+        wrong = "both are given" if given else "no mass of the disc is given"
         yield ("initial", *given[-1:]), f"{wrong}; expected exactly one of {', '.join(scales)}"
 
 
@@ -83,7 +88,7 @@ def _viscous_everywhere(draft: Draft) -> Iterator[Problem]:
     keys = draft.alpha_viscosity
     for key in ("inner_alpha", "outer_alpha", "dead_alpha"):
         if keys and getattr(keys, key) == 0.0:
-            yield ("alpha_viscosity", key), "a steady disc has no end of Sigma where nu = 0; expected more"
+            yield ("alpha_viscosity", key), "Sigma of a steady disc is infinite where nu = 0; expected more than 0"
 
 
 START = Start(

@@ -95,8 +95,8 @@ def faults(scene: Scene) -> Iterator[Problem]:
     other = "".join(f", or a wider background.{name}" for name in _parts(scene))
     yield (
         _path(scene),
-        f"H/r is {found.aspect[worst]:.3g} at r = {where}, where the pressure pushes out more than all pulls in: no "
-        f"rotation is in balance; expected H/r < {below:g} there{other}",
+        f"H/r is {found.aspect[worst]:.3g} at r = {where}, where pressure exceeds gravity: no "
+        f"circular orbit exists; expected H/r < {below:g} there{other}",
     )
 
 
@@ -161,8 +161,8 @@ def warnings(scene: Scene) -> Iterator[str]:
         at = int(np.argmin(np.where(found.share > 0.0, speed, np.inf)))
         where = scene.units.show(found.radius[at], "length")
         yield (
-            f"the gas turns at {speed[at]:.2f} of the Keplerian velocity at {where}, below {SLOW:g}, where its "
-            f"pressure falls fast: what counts on thin discs is off by as much; {_cure(scene)}"
+            f"the gas rotates at {speed[at]:.2f} times the Keplerian velocity at {where}, below {SLOW:g}, where the "
+            f"pressure falls steeply: estimates for thin discs are wrong by as much; {_cure(scene)}"
         )
     if scene.model.given is not None:
         with np.errstate(all="ignore"):
@@ -171,8 +171,8 @@ def warnings(scene: Scene) -> Iterator[str]:
         if len(falls) > 0:
             ends = (scene.units.show(found.radius[i], "length") for i in (falls[0], falls[-1] + 1))
             yield (
-                f"the angular momentum of the given gas falls outwards between {' and '.join(ends)}: no disc stays so "
-                f"(Rayleigh's criterion), and dust has no steady drift there; {_cure(scene)}"
+                f"the angular momentum of the given gas falls outwards between {' and '.join(ends)}: such a disc "
+                f"is unstable (Rayleigh's criterion), and dust has no steady drift there; {_cure(scene)}"
             )
 
 
@@ -183,4 +183,6 @@ def _parts(scene: Scene) -> list[str]:
 
 def _cure(scene: Scene) -> str:
     wider = [f"widen background.{name}" for name in _parts(scene)]
-    return f"{' and '.join(wider)}, or lower H/r" if wider else "lower H/r, or make edges and Sigma smoother"
+    return (
+        f"{' and '.join(wider)}, or lower H/r" if wider else "lower H/r, or choose smoother edges and a smoother Sigma"
+    )

@@ -40,12 +40,14 @@ class FromTable(balance.Settled):
 
     kind: Literal["table"] = "table"
     file: ColumnsFile = Field(
-        description="columns r, Sigma, and if wanted T, in place of the temperature of gas.eos, and ratio, of all "
-        "populations together, of which dust.ratio then says the proportions, and resolution, gas particles per mass "
-        "up to a factor; units in the header: "
+        description="text file with columns r and Sigma; optional columns: T (replaces the temperature of gas.eos), "
+        "ratio (total dust-to-gas ratio, divided among populations by dust.ratio), resolution (relative number of gas "
+        "particles per mass); units in the header: "
         '"# r [au]  Sigma [g/cm2]  T [K]  ratio"'
     )
-    reference_radius: Length = Field(1.0, gt=0, description="of orbits, and of laws that refer to a surface density")
+    reference_radius: Length = Field(
+        1.0, gt=0, description="radius of quoted orbital periods, and of the Sigma_ref of drag laws"
+    )
 
     @property
     def inner(self) -> float:
@@ -145,7 +147,7 @@ def warnings(scene: Scene) -> Iterator[str]:
     if abs(ratio[worst] - 1.0) > FAR:
         yield (
             f"T of initial.file makes H/r {ratio[worst]:.3g} times that of gas.eos at "
-            f"{scene.units.show(r[worst], 'length')}, and holds: leave the column out, or take gas.eos from it"
+            f"{scene.units.show(r[worst], 'length')}, and T is used: leave the column out, or adapt gas.eos"
         )
 
 
@@ -155,7 +157,7 @@ def has_a_use_for_t(draft: Draft) -> Iterator[Problem]:
     kinds = [name for name in EOS if EOS[name].takes_temperature]
     if draft.eos_kind not in kinds:
         words = " or ".join(f'"{kind}"' for kind in kinds)
-        wrong = f'has a column T, but the gas is "{draft.eos_kind}", which does not take one'
+        wrong = f'the file has a column T, but gas.eos.kind "{draft.eos_kind}" does not use it'
         yield ("initial", "file"), f"{wrong}; expected gas.eos.kind = {words}, or no column T"
 
 
@@ -164,8 +166,8 @@ def has_masses_to_sum(draft: Draft) -> Iterator[Problem]:
     if draft.gas and file.has("resolution"):
         times = file.values["resolution"].max() / file.values["resolution"].min()
         if times > MASSES:
-            wrong = f"its resolution is {times:.3g} times as high somewhere as elsewhere"
-            yield ("initial", "file"), f"{wrong}; expected {MASSES:g} times at most, as SPH sums masses"
+            wrong = f"the column resolution varies by a factor of {times:.3g}"
+            yield ("initial", "file"), f"{wrong}; expected a factor of at most {MASSES:g}, for accurate SPH sums"
 
 
 def has_a_ratio_of_dust(draft: Draft) -> Iterator[Problem]:
@@ -174,7 +176,7 @@ def has_a_ratio_of_dust(draft: Draft) -> Iterator[Problem]:
         outer = min(dust.outer or np.inf, draft.initial.outer)
         file = draft.initial.file
         if file.has("ratio") and inner < outer and not file.ratio(np.geomspace(inner, outer, 1000)).any():
-            yield ("dust", i), "the ratio of initial.file is 0 wherever it may be; expected some"
+            yield ("dust", i), "the column ratio is 0 everywhere between the edges of this dust; expected more than 0"
 
 
 START = Start(

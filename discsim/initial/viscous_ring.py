@@ -32,9 +32,9 @@ class ViscousRing(balance.Settled):
     """The ring of Lynden-Bell & Pringle, spread by a viscosity."""
 
     kind: Literal["viscous-ring"] = "viscous-ring"
-    radius: Length = Field(gt=0, description="where the ring was at tau = 0")
-    mass: Mass = Field(gt=0, description="of the gas")
-    tau: Number = Field(0.016, ge=1e-4, le=1.0, description="viscous time 12 nu t / radius^2 at the start")
+    radius: Length = Field(gt=0, description="radius of the ring at tau = 0")
+    mass: Mass = Field(gt=0, description="mass of the gas")
+    tau: Number = Field(0.016, ge=1e-4, le=1.0, description="viscous time 12 nu t / radius^2 at t = 0")
 
     perturbation: ClassVar[float] = 0.0
     inner_taper: ClassVar[float] = 0.0
@@ -108,7 +108,7 @@ def measure(scene: Scene) -> ErrorMeasure | None:
         wanted = mass.reshape(BINS, -1).sum(axis=1)
         return {"gas": float(np.abs(found - wanted).sum() / wanted.sum())}
 
-    return ErrorMeasure("mass of the gas in other rings than in the exact spreading one, over all", errors)
+    return ErrorMeasure("fraction of the gas mass displaced relative to the exact solution", errors)
 
 
 def curves(scene: Scene, time: float, r: Array) -> dict[str, Curve]:
@@ -122,16 +122,16 @@ def curves(scene: Scene, time: float, r: Array) -> dict[str, Curve]:
 
 
 def needs_a_viscosity(draft: Draft) -> Iterator[Problem]:
-    for table, why in (("alpha_viscosity", "spreads"), ("star", "holds")):
+    for table, why in (("alpha_viscosity", "viscosity"), ("star", "a star")):
         if not draft.has(table):
-            yield ("initial", "kind"), f"nothing {why} the {draft.kind}; expected a table [{table}] too"
+            yield ("initial", "kind"), f"a {draft.kind} needs {why}; expected a table [{table}] too"
 
 
 def warnings(scene: Scene) -> Iterator[str]:
     yield from disc.warnings(scene)
     if one_nu(scene) is None:
         yield (
-            "nu is not the same everywhere, so that no exact solution is known of the ring: give alpha_viscosity.nu, "
+            "nu is not uniform, so this ring has no known exact solution: give alpha_viscosity.nu, "
             "or an alpha_viscosity.index of (temperature index) - 1.5"
         )
 

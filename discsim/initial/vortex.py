@@ -21,10 +21,12 @@ class Vortex(Table):
     """Gresho's vortex in the middle of a periodic box."""
 
     kind: Literal["vortex"] = "vortex"
-    density: Density = Field(1.0, gt=0, description="of the gas")
-    speed: Velocity = Field(1.0, gt=0, description="largest speed of rotation")
-    radius: Length = Field(0.2, gt=0, description="where it is reached; it falls to nothing at twice this radius")
-    velocity: VelocityVector = Field(0, validate_default=True, description="uniform boost of everything")
+    density: Density = Field(1.0, gt=0, description="surface density of the gas")
+    speed: Velocity = Field(1.0, gt=0, description="maximum rotation speed")
+    radius: Length = Field(
+        0.2, gt=0, description="radius of the maximum speed; the speed is zero beyond twice this radius"
+    )
+    velocity: VelocityVector = Field(0, validate_default=True, description="uniform velocity added to gas and dust")
 
 
 def particles(scene: Scene) -> dict[str, Arrays]:
@@ -65,7 +67,7 @@ def measure(scene: Scene) -> ErrorMeasure | None:
         inside = r < 2.0 * start.radius
         return {"gas": float(np.abs(turning - gresho.speed(r, start.speed, start.radius))[inside].mean() / start.speed)}
 
-    return ErrorMeasure("mean azimuthal velocity within the vortex against the exact one", errors)
+    return ErrorMeasure("mean azimuthal velocity in the vortex compared with the exact one", errors)
 
 
 def curves(scene: Scene, time: float, r: Array) -> dict[str, Curve]:

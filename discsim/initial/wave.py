@@ -34,11 +34,11 @@ class Wave(Table):
     """A wave A sin(k x) in density and velocity of both species on [0, size)."""
 
     kind: Literal["wave"] = "wave"
-    amplitude: Number = Field(1e-4, gt=-1, lt=1, description="A")
-    wavenumber: Count = Field(1, ge=1, description="whole waves on the side")
-    velocity: VelocityVector = Field(0, validate_default=True, description="uniform boost of everything")
+    amplitude: Number = Field(1e-4, gt=-1, lt=1, description="relative amplitude A")
+    wavenumber: Count = Field(1, ge=1, description="number of wavelengths in the box")
+    velocity: VelocityVector = Field(0, validate_default=True, description="uniform velocity added to gas and dust")
     direction: Annotated[tuple[float, ...], Measure(vector=True, whole=True), BeforeValidator(_direction)] = Field(
-        _ALONG_X, validate_default=True, description="whole waves along x and y"
+        _ALONG_X, validate_default=True, description="number of wavelengths along x and y"
     )
 
 
@@ -88,7 +88,7 @@ def measure(scene: Scene) -> ErrorMeasure | None:
         wave = dustywave.solution(place, sim.time, coefficient, ratio, sound, start.amplitude, waves)
         return frame + np.outer(getattr(wave, f"{kind}_velocity"), along), frame
 
-    return ErrorMeasure("particle velocities against the exact wave", velocity_errors(exact))
+    return ErrorMeasure("particle velocities compared with the exact wave", velocity_errors(exact))
 
 
 def curves(scene: Scene, time: float, x: Array) -> dict[str, Curve]:
@@ -109,7 +109,7 @@ def curves(scene: Scene, time: float, x: Array) -> dict[str, Curve]:
 
 def needs_a_direction(draft: Draft) -> Iterator[Problem]:
     if not any(draft.initial.direction):
-        yield ("initial", "direction"), "all zeros; expected whole waves along one side at least"
+        yield ("initial", "direction"), "all numbers are zero; expected at least one wavelength along one side"
 
 
 START = Start(Wave, particles, places, cells=cells, rules=(needs_a_direction,), measure=measure, curves=curves)

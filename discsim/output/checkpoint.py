@@ -37,7 +37,9 @@ class Entries(dict[str, Any]):
         self.path = path
 
     def __missing__(self, name: str) -> NoReturn:
-        raise CheckpointError(f"{self.path}: a checkpoint without {name!r}: damaged, or of another version of discsim")
+        raise CheckpointError(
+            f"{self.path}: the checkpoint has no {name!r}: it is damaged, or written by another version of discsim"
+        )
 
 
 class Values(Entries):
@@ -74,7 +76,7 @@ class Values(Entries):
     def refuse(self, name: str, expected: str) -> NoReturn:
         """Raise CheckpointError for a wrong value."""
         value = clipped(repr(self[name]))
-        raise CheckpointError(f"{self.path}: a damaged checkpoint: its {name} is {value}; expected {expected}")
+        raise CheckpointError(f"{self.path}: damaged checkpoint: {name} is {value}; expected {expected}")
 
 
 def write_checkpoint(
@@ -165,5 +167,5 @@ def other_version(values: Values) -> str:
     """Return a warning if another version of discsim wrote the checkpoint, else ""."""
     if values.version == __version__:
         return ""
-    words = f"{values.path} is of discsim {values.version}, and this is {__version__}"
-    return printable(f"{words}: the run goes on, but not with the bits that it would have had there")
+    words = f"{values.path} was written by discsim {values.version}, and this is {__version__}"
+    return printable(f"{words}: the run continues, but its results differ by rounding from those of the other version")

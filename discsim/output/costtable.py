@@ -31,9 +31,9 @@ def read_costs(path: Path) -> list[Cost]:
     try:
         lines = list(csv.reader(read_text(path).splitlines()))
     except (ValueError, csv.Error):  # no UTF-8, or a field without end
-        raise CostsError(f"{path}: no table; expected the costs of a run") from None
+        raise CostsError(f"{path}: not a table; expected the costs.csv of a run") from None
     if not lines or lines[0] != [*COLUMNS]:
-        raise CostsError(f"{path}:1: no header of costs; expected {','.join(COLUMNS)}")
+        raise CostsError(f"{path}:1: not the header of costs.csv; expected {','.join(COLUMNS)}")
     return [_cost(path, number, line) for number, line in enumerate(lines[1:], 2)]
 
 
@@ -44,5 +44,5 @@ def _cost(path: Path, number: int, line: list[str]) -> Cost:
     except ValueError:
         found = Cost("", 0, math.nan, math.nan)
     if not (math.isfinite(found.seconds) and math.isfinite(found.share)):
-        raise CostsError(f"{path}:{number}: no row of costs; expected {','.join(COLUMNS)}")
+        raise CostsError(f"{path}:{number}: not a row of costs.csv; expected {','.join(COLUMNS)}")
     return found

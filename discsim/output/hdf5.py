@@ -65,7 +65,7 @@ def write_verified(path: str | os.PathLike[str], content: io.BytesIO, before: Pa
             plain.flush()
             os.fsync(plain.fileno())
         if not _holds(temporary, np.frombuffer(content.getbuffer(), np.uint8)):
-            raise OSError(errno.EIO, "the disk does not hold what was written", str(path))
+            raise OSError(errno.EIO, "the file on disk differs from the data written", str(path))
 
 
 def seal(content: io.BytesIO) -> None:
@@ -87,7 +87,7 @@ def _check_seal(file: IO[bytes]) -> None:
     digest = file.read()
     file.seek(0)
     if hashlib.sha256(file.read(length)).digest() != digest:
-        raise OSError("some of its bits are not those that were written")
+        raise OSError("its checksum is wrong")
 
 
 def _holds(path: Path, content: np.ndarray) -> bool:
@@ -121,7 +121,7 @@ class Stored:
             raise EntryError(f"{name} holds {self.dtype}; expected {wanted}")
         if stored.external:
             raise EntryError(
-                f"{name} lies in other files ({clipped(stored.external[0][0])}); expected its rows in this one"
+                f"{name} is stored in other files ({clipped(stored.external[0][0])}); expected its rows in this file"
             )
         if not stored.is_virtual:
             self._check_room()
@@ -137,7 +137,8 @@ class Stored:
         most = room if filters <= UNCOMPRESSED else DEFLATED * room
         if size > most or room > Path(stored.file.filename).stat().st_size:
             raise EntryError(
-                f"{self.name} declares {len(self)} rows, {size} bytes, and has room for {room}; expected as many"
+                f"{self.name} declares {len(self)} rows, {size} bytes, but the stored data has {room} bytes; "
+                "expected the same size"
             )
         if stored.chunks and math.prod(stored.chunks) * self.dtype.itemsize > max(size, LARGEST_CHUNK):
             raise EntryError(f"{self.name} has chunks of shape {stored.chunks}; expected smaller ones")
@@ -153,7 +154,7 @@ class Stored:
         """
         out = self._from_parts(rows) if self._stored.is_virtual else np.asarray(self._stored[rows])
         if out.dtype.kind == "b" and out.size and out.view(np.uint8).max() > 1:
-            raise EntryError(f"{self.name} holds other numbers than 0 and 1; expected truth values")
+            raise EntryError(f"{self.name} contains numbers other than 0 and 1; expected truth values")
         return out.astype(out.dtype.newbyteorder("="), copy=False)
 
     def _from_parts(self, rows: slice) -> np.ndarray:
@@ -208,9 +209,9 @@ class Held:
         """Return the group or dataset `name`. Raises EntryError for a missing entry or a link."""
         link = self._group.get(name, getlink=True)
         if link is None:
-            raise EntryError(f"there is no {self._name(name)}; expected one")
+            raise EntryError(f"{self._name(name)} is missing; expected it in the file")
         if not isinstance(link, h5py.HardLink):
-            raise EntryError(f"{self._name(name)} is a link to another place or file; expected it here")
+            raise EntryError(f"{self._name(name)} is a link to another object or file; expected the data itself")
         return self._group[name]
 
     def __contains__(self, name: str) -> bool:
@@ -229,14 +230,14 @@ class Held:
     def group(self, name: str) -> Held:
         found = self._child(name)
         if not isinstance(found, h5py.Group):
-            raise EntryError(f"{self._name(name)} is no group; expected one")
+            raise EntryError(f"{self._name(name)} is not a group; expected a group")
         return Held(found)
 
     def dataset(self, name: str, kinds: str = "biuf", ends: tuple[int, ...] | None = None) -> Stored:
         """Return the dataset `name`, of numpy kinds `kinds`, with rows of shape `ends` (None: any shape)."""
         found = self._child(name)
         if not isinstance(found, h5py.Dataset):
-            raise EntryError(f"{self._name(name)} is no dataset; expected one")
+            raise EntryError(f"{self._name(name)} is not a dataset; expected a dataset")
         return Stored(found, self._name(name), kinds, ends)
 
     def rows(self, name: str, count: int, kinds: str = "f", ends: tuple[int, ...] = ()) -> np.ndarray:
@@ -268,7 +269,7 @@ class Held:
     def whole(self, name: str) -> int:
         found = self.attribute(name)
         if np.ndim(found) != 0 or np.asarray(found).dtype.kind not in "iu":
-            raise EntryError(f"{self._name(name)} is no whole number; expected one")
+            raise EntryError(f"{self._name(name)} is not an integer; expected a whole number")
         return int(found)
 
     def numbers(self, name: str, shape: tuple[int, ...], finite: bool = True) -> np.ndarray:
@@ -276,7 +277,7 @@ class Held:
         found = np.asarray(self.attribute(name))
         if found.dtype.kind not in "biuf" or found.shape != shape or not (np.isfinite(found).all() or not finite):
             wanted = "a finite number" if shape == () else f"finite numbers of shape {shape}"
-            raise EntryError(f"{self._name(name)} is not {wanted}; expected that")
+            raise EntryError(f"{self._name(name)} has a wrong value; expected {wanted}")
         return found.astype(float)
 
     def text(self, name: str) -> str:
@@ -290,7 +291,7 @@ def attribute_of(owner: h5py.Group | h5py.Dataset, name: str) -> Any:
     """Return an attribute of a group or dataset: numbers or bytes, of limited size. Raises EntryError."""
     where = f"{owner.name.rstrip('/')}@{name}"
     if name not in owner.attrs:
-        raise EntryError(f"there is no {where}; expected one")
+        raise EntryError(f"{where} is missing; expected it in the file")
     found = owner.attrs.get_id(name)
     if found.shape is None or found.dtype.kind not in "biufS":
         raise EntryError(f"{where} holds {found.dtype}; expected numbers or bytes of text")
@@ -302,7 +303,7 @@ def attribute_of(owner: h5py.Group | h5py.Dataset, name: str) -> Any:
 def decoded(value: Any, name: str) -> str:
     """Return bytes as UTF-8 text. Raises EntryError."""
     if not isinstance(value, bytes):
-        raise EntryError(f"{name} holds no text; expected one")
+        raise EntryError(f"{name} is not a text; expected a text")
     try:
         return value.decode()
     except UnicodeDecodeError:
@@ -318,7 +319,7 @@ def opened(path: str | os.PathLike[str]) -> Iterator[Held]:
     with open_plain(path) as plain:
         there = os.fstat(plain.fileno())
         if there.st_size > HOLLOW * max(getattr(there, "st_blocks", math.inf) * 512, _BLOCK):
-            raise OSError(errno.EINVAL, f"declares {there.st_size} bytes that are not there", os.fspath(path))
+            raise OSError(errno.EINVAL, f"is shorter than the {there.st_size} bytes that it declares", os.fspath(path))
         _check_seal(plain)
     with h5py.File(path, "r") as file:
         yield Held(file)
@@ -330,21 +331,21 @@ def reading(path: str | os.PathLike[str], error: type[Exception], kind: str) -> 
     try:
         with opened(path) as file:
             if "discsim" not in file.attributes or file.attribute("discsim") != np.bytes_(kind):
-                raise error(f"{path}: an HDF5 file, but not a {kind} of discsim")
+                raise error(f"{path}: not a {kind} of discsim, but another HDF5 file")
             for part in parts_of(file):
                 if not part.exists():
-                    raise error(f"{path}: its part {part} is gone; expected all its parts beside it")
+                    raise error(f"{path}: its part {part} is missing; expected all parts in the same folder")
             yield file
     except error:
         raise
     except FileNotFoundError:
-        raise error(f"{path}: no such file") from None
+        raise error(f"{path}: file not found") from None
     except PermissionError:
         raise error(f"{path}: not readable: permission denied") from None
     except MemoryError as fault:
         raise error(f"{path}: too large for the memory of this machine") from fault
     except (OSError, LookupError, ValueError, TypeError, AttributeError, RuntimeError, ArithmeticError) as fault:
-        raise error(f"{path}: not a {kind}, or a damaged one: {_reason(fault)}") from fault
+        raise error(f"{path}: not a {kind}, or a damaged {kind}: {_reason(fault)}") from fault
 
 
 def mark(file: h5py.File, kind: str) -> None:
@@ -372,7 +373,7 @@ def parts_of(file: Held) -> list[Path]:
     for name in found:
         folder, _, last = name.partition("/")
         if folder != files.PARTS or last in ("", ".", "..") or "/" in last or "\0" in last:
-            raise EntryError(f"its part {clipped(name)} is elsewhere; expected names like {files.PARTS}/0003.0.h5")
+            raise EntryError(f"its part has the name {clipped(name)}; expected names like {files.PARTS}/0003.0.h5")
     return [file.folder / name for name in found]
 
 
@@ -382,7 +383,7 @@ def _part(path: Path, made: str) -> Iterator[Held]:
     try:
         with opened(path) as file:
             if file.text(MADE) != made:
-                raise OSError("it is of another file than this one")
+                raise OSError("it belongs to another file")
             yield file
     except (OSError, LookupError, ValueError, RuntimeError) as fault:
         raise OSError(f"part {path}: {_reason(fault)}") from fault

@@ -114,7 +114,7 @@ def rows_until(path: Path, step: int, count: int, digest: str, columns: Sequence
     `digest` is the checkpoint's digest of these rows; "" skips the comparison. Raises HistoryError if one of the
     rows is damaged. Rows after the checkpoint are dropped: the resumed run writes them again.
     """
-    cure = "Mend it, or move the file away to go on without its rows"
+    cure = "Repair the file, or move it away to continue without its rows"
     try:
         head, table, whole = _read(path, columns)
     except OSError as fault:
@@ -122,15 +122,19 @@ def rows_until(path: Path, step: int, count: int, digest: str, columns: Sequence
     rows = [row for row in whole[:count] if int(row[0]) <= step]
     line = len(whole) + 2 if head == [*columns] else 1
     if len(rows) < count and len(whole) < len(table):
-        wrong = f"no row of a history; expected {len(columns)} entries" if line > 1 else "not the header of a history"
+        wrong = (
+            f"not a row of history.csv; expected {len(columns)} entries"
+            if line > 1
+            else "not the header of history.csv"
+        )
         raise HistoryError(f"{path}:{line}: {wrong}. {cure}")
     if len(whole) >= count and digest not in ("", hashlib.sha256(_lines(whole[:count]).encode()).hexdigest()):
-        raise HistoryError(f"{path}:2: the {count} rows from here on are not those that the run wrote. {cure}")
+        raise HistoryError(f"{path}:2: the {count} rows from here on differ from those that the run wrote. {cure}")
     remarks = []
     if len(rows) != count:
-        remarks.append(f"{path} has {len(rows)} rows up to step {step}, where the run had written {count}")
+        remarks.append(f"{path} has {len(rows)} rows up to step {step}, but the run wrote {count}")
     if len(whole) < len(table):
-        remarks.append(f"{path}:{line}: a broken row, later than the checkpoint; dropped, to be made again")
+        remarks.append(f"{path}:{line}: an incomplete row after the checkpoint is removed; the run writes it again")
     return Found(rows, remarks)
 
 

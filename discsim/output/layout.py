@@ -41,12 +41,12 @@ GAS = COMMON | {
     "u": Field(
         "InternalEnergies",
         "specific_energy",
-        "per mass; P/rho / (gamma - 1) or 3/2 P/rho without an energy equation",
+        "specific internal energy; P/rho / (gamma - 1) or 3/2 P/rho without an energy equation",
     ),
     "pressure": Field("Pressures", "pressure", "pressure; vertically integrated in 2D"),
     "sound_speed": Field("SoundSpeeds", "velocity", "sound speed"),
     "temperature": Field("Temperatures", "temperature", "P/rho mu m_H/k_B"),
-    "small": Field("SmallDustMasses", "mass", "mass of the small dust that each particle carries"),
+    "small": Field("SmallDustMasses", "mass", "mass of small dust carried by the particle"),
 }
 DUST = COMMON | {
     "density": Field("DustDensities", "density", "density of the dust; a surface density in 2D"),

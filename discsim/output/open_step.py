@@ -94,5 +94,5 @@ def read(group: hdf5.Held, counts: dict[str, int], dimensions: int, time: float)
     pace = Pace(*map(float, held.numbers("pace", (2,), finite=False))) if "pace" in held.attributes else None
     lag, step = held.number("lag"), held.whole("step")
     if lag < 0.0 or step < 0 or (pace is not None and not (pace.since >= 0.0 and pace.rate > 0.0)):
-        raise EntryError(f"the lag {lag:g} or the step {step} of {GROUP} is below 0; expected 0 or more")
+        raise EntryError(f"lag {lag:g} or step {step} of {GROUP} is negative; expected 0 or more")
     return OpenStep(lag, step, arrays, pace)

@@ -97,12 +97,12 @@ class FromSnapshot(Table):
 
     kind: Literal["snapshot"] = KIND
     file: Annotated[Any, BeforeValidator(_read), Words("path of a snapshot, relative to the scene's folder")] = Field(
-        description="its particles, whatever numbers of them the scene has; tables say what else there is"
+        description="snapshot whose particles the run starts with; the scene's particle numbers are not used"
     )
-    refine: Count = Field(1, ge=1, le=MOST, description="particles that each is replaced by")
-    thin: Count = Field(1, ge=1, le=MOST, description="of so many particles one stays, with the mass of all")
-    reference_radius: Length = Field(1.0, gt=0, description="where a law of the radius has its value, as of a disc")
-    keep_time: bool = Field(False, description="time goes on from that of the snapshot, instead of from 0")
+    refine: Count = Field(1, ge=1, le=MOST, description="number of particles that replace each particle")
+    thin: Count = Field(1, ge=1, le=MOST, description="number of particles merged into one")
+    reference_radius: Length = Field(1.0, gt=0, description="radius at which values of power laws hold")
+    keep_time: bool = Field(False, description="start at the time of the snapshot instead of t = 0")
 
     @property
     def brings_temperature(self) -> bool:
@@ -260,18 +260,21 @@ def goes_with_the_file(draft: Draft) -> Iterator[Problem]:
     """Yield faults of a scene that does not fit its snapshot."""
     file: Any = draft.initial.file
     if draft.initial.refine > 1 and draft.initial.thin > 1:
-        yield ("initial", "thin"), "initial.refine is there too; expected one of the two"
+        yield ("initial", "thin"), "initial.refine is also given; expected only one of the two"
     if draft.initial.keep_time and draft.run is not None and draft.run.until <= file.time:
-        wrong = "is not after the snapshot, whose time the run keeps"
+        wrong = "run.until is not later than the snapshot"
         yield ("run", "until"), f"{wrong}; expected more than {file.time_words}, or no initial.keep_time"
     if file.dimensions != draft.dimensions:
-        yield ("initial", "file"), f"has {file.dimensions} dimensions; expected {draft.dimensions}, as of space"
+        yield (
+            ("initial", "file"),
+            f"the snapshot has {file.dimensions} dimensions; expected {draft.dimensions}, as in space.dimensions",
+        )
     if draft.has("gas") and file.gas == 0:
-        yield ("gas",), "initial.file holds no gas; expected no such table"
+        yield ("gas",), "initial.file contains no gas; expected no table [gas]"
     have, wanted = len(draft.dust or ()), len(file.dust)
     if draft.has("dust") and have != wanted:
         holds = f"{wanted} population{'s' * (wanted != 1)} of dust" if wanted else "no dust"
-        yield ("dust",), f"initial.file holds {holds}; expected as many tables, or no [dust]"
+        yield ("dust",), f"initial.file contains {holds}; expected one [[dust]] table for each, or no [dust]"
 
 
 # Previews
@@ -359,7 +362,7 @@ def reference_density(scene: Scene) -> float:
                 raise SceneError(["a start from a start"])
             return profile.reference_density(load_scene(snap.tables, folder=path.parent))
         except (SceneError, KeyError, TypeError):
-            wrong = f"{path}: its run began with no Sigma_ref"
+            wrong = f"{path}: the run of this snapshot had no Sigma_ref"
             raise SceneError([f'{wrong}; expected another drag.law than "{scene.drag.law}"']) from None
     return found if snap.units == scene.units else float(scene.units.to_code(snap.units.quantity(found, "density")))
 

@@ -145,7 +145,7 @@ class SnapshotParticles(Summarised):
 
         array = self.columns[name] if name in self.columns else getattr(self, name, None)
         if array is None or name not in self.dimensions_of:
-            raise KeyError(f"the snapshot holds no {name!r}")
+            raise KeyError(f"the snapshot has no {name!r}")
         dimension = self.dimensions_of[name]
         if dimension in PLAIN_UNITS:
             return u.Quantity(array, PLAIN_UNITS[dimension])
@@ -314,7 +314,7 @@ class Snapshot(Summarised):
             return self.units.quantity(self.time, "time")
         kind, _, array = name.partition(".")
         if kind not in self.species:
-            raise KeyError(f"the snapshot holds no {kind!r}")
+            raise KeyError(f"the snapshot has no {kind!r}")
         return self.species[kind].quantity(array)
 
     def field(
@@ -479,11 +479,11 @@ def files_of(source: str | os.PathLike[str]) -> list[Path]:
     path = Path(source)
     if not path.is_dir():
         if not path.exists():
-            raise SnapshotError(f"{path}: there is no such file; expected the directory of a run, or a snapshot")
+            raise SnapshotError(f"{path}: file not found; expected the directory of a run, or a snapshot")
         return [path]
     files = sorted((path / "snapshots").glob("*.h5")) or sorted(path.glob("[0-9]*.h5"))
     if not files:
-        raise SnapshotError(f"{path}: no snapshots here; expected the directory of a run, or a snapshot")
+        raise SnapshotError(f"{path}: no snapshots found; expected the directory of a run, or a snapshot")
     return files
 
 
@@ -515,7 +515,7 @@ def read_snapshot(path: str | os.PathLike[str], columns: Collection[str] | None 
         origin, size = (own.numbers(name, (dimensions,)) for name in ("origin", "size"))
         support = own.number("support")
         if not (support > 0.0 and (size > 0.0).all()):
-            raise EntryError("the box or the support of the kernel has no size; expected positive numbers")
+            raise EntryError("the size of the box or of the kernel support is not positive; expected positive numbers")
         text = hdf5.decoded(own.dataset("Scene", "u", ()).read().tobytes(), "/discsim/Scene")
         tables = tables_of(text, units)
         populations, bodies = listed(tables, "dust"), listed(tables, "star") + listed(tables, "companion")
@@ -523,7 +523,9 @@ def read_snapshot(path: str | os.PathLike[str], columns: Collection[str] | None 
         kinds = {kind: _particles_of(file, kind, populations, columns) for kind in there}
         counts = {kind: particles.count for kind, particles in kinds.items()}
         if counts.get("bodies", bodies) != bodies:
-            raise EntryError(f"it holds {counts['bodies']} bodies, and its scene {bodies}; expected as many")
+            raise EntryError(
+                f"it contains {counts['bodies']} bodies, but its scene has {bodies}; expected the same number"
+            )
         reference, time = "reference_density", time_of(file)
         return Snapshot(
             time=time,
@@ -553,7 +555,7 @@ def _particles_of(file: hdf5.Held, kind: str, populations: int, columns: Collect
         arrays["vel"] = arrays["vel"][:, : units.dimensions]
     check_finite(kind, {name: array for name, array in arrays.items() if name in FINITE})
     if populations > 1 and kind == "dust" and "species" not in arrays and wanted("species"):
-        raise EntryError("its dust has no Species; expected the number of each particle's population")
+        raise EntryError("its dust has no dataset Species; expected the population number of each particle")
     check_ranges(kind, arrays, populations)
     if "h" in arrays:
         arrays["h"] = arrays["h"] / own.number("support")

@@ -70,7 +70,7 @@ def tables_of(text: str, units: Units) -> dict[str, Any]:
     try:
         tables = tomllib.loads(text)
     except (ValueError, RecursionError) as fault:
-        raise EntryError(f"its scene is no TOML: {fault}") from None
+        raise EntryError(f"its scene is not valid TOML: {fault}") from None
     if "space" not in tables or not tables.keys() & {"gas", "dust"}:
         raise EntryError("its scene lacks [space], or both [gas] and [dust]; expected the scene of a run")
     for name, table in tables.items():
@@ -80,11 +80,11 @@ def tables_of(text: str, units: Units) -> dict[str, Any]:
     for path in NAMED:
         table, key = tables.get(path[0], {}), path[1]
         if not isinstance(table, dict) or not isinstance(table.get(key, ""), str):
-            raise EntryError(f"{path[0]}.{key} of its scene is no text; expected one")
+            raise EntryError(f"{path[0]}.{key} of its scene is not a text; expected a text")
     companions = tables.get("companion", [])
     for each in [companions] if isinstance(companions, dict) else companions:
         if not isinstance(each.get("eccentricity", 0.0), int | float):
-            raise EntryError("companion.eccentricity of its scene is no number; expected one")
+            raise EntryError("companion.eccentricity of its scene is not a number; expected a number")
     star = tables.get("star")
     for key in ("mass", "softening") if star is not None else ():
         value = star.get(key, 0.0 if key == "softening" else None)

@@ -103,7 +103,7 @@ def to_sarracen(snap: Snapshot, species: str) -> Any:
 def _tool(snap: Snapshot, name: str) -> Any:
     """Import and return a tool. Raises ImportError if it is missing, ValueError for a 1D snapshot."""
     if snap.dimensions != 2:
-        raise ValueError(f"to_{name}() is for snapshots of two dimensions, this one has one; expected to_pandas()")
+        raise ValueError(f"to_{name}() needs a snapshot in two dimensions, but this one has one; expected to_pandas()")
     try:
         return import_module(name)
     except ImportError as error:
@@ -119,7 +119,7 @@ def _kinds(snap: Snapshot) -> dict[str, SnapshotParticles]:
 def _of(snap: Snapshot, species: str) -> SnapshotParticles:
     """Return the particles of a species. Raises KeyError if the snapshot has none."""
     if species not in snap.species:
-        raise KeyError(f"the snapshot holds no {species!r}; expected {' or '.join(map(repr, snap.species))}")
+        raise KeyError(f"the snapshot has no {species!r}; expected {' or '.join(map(repr, snap.species))}")
     return snap.species[species]
 
 

@@ -34,7 +34,7 @@ Array = np.ndarray
 def _not_isothermal(value: float) -> float:
     # The thermal energy P / (gamma - 1) diverges at gamma = 1.
     if value == 1.0:
-        raise fault('1 is isothermal gas; expected kind = "isothermal" with sound_speed = sqrt(constant)')
+        raise fault('gamma = 1 is isothermal gas; expected kind = "isothermal" with sound_speed = sqrt(constant)')
     return value
 
 
@@ -42,18 +42,18 @@ class Isothermal(Table):
     """P = c_s^2 rho."""
 
     kind: Literal["isothermal"] = "isothermal"
-    sound_speed: Velocity = Field(gt=0, description="c_s")
-    mean_molecular_weight: Number = Field(2.34, gt=0, description="for temperatures")
+    sound_speed: Velocity = Field(gt=0, description="sound speed c_s")
+    mean_molecular_weight: Number = Field(2.34, gt=0, description="mean molecular weight, for temperatures")
 
 
 class LocallyIsothermal(Table):
     """P = c_s(r)^2 rho, c_s^2 ~ r^-q."""
 
     kind: Literal["locally-isothermal"] = "locally-isothermal"
-    aspect_ratio: Number = Field(gt=0, description="H/r at reference_radius")
+    aspect_ratio: Number = Field(gt=0, description="aspect ratio H/r at reference_radius")
     temperature_index: Number = Field(0.5, description="q in c_s^2 ~ r^-q")
-    reference_radius: Length = Field(1.0, gt=0, description="where aspect_ratio holds")
-    mean_molecular_weight: Number = Field(2.34, gt=0, description="for temperatures")
+    reference_radius: Length = Field(1.0, gt=0, description="radius at which aspect_ratio holds")
+    mean_molecular_weight: Number = Field(2.34, gt=0, description="mean molecular weight, for temperatures")
 
 
 class Adiabatic(Table):
@@ -61,41 +61,45 @@ class Adiabatic(Table):
 
     kind: Literal["adiabatic"] = "adiabatic"
     gamma: Number = Field(gt=1, le=STEEPEST, description="ratio of specific heats")
-    sound_speed: Velocity | None = Field(None, gt=0, description="at the start, uniform")
-    aspect_ratio: Number | None = Field(None, gt=0, description="H/r at reference_radius at the start, instead")
+    sound_speed: Velocity | None = Field(None, gt=0, description="uniform sound speed at the start")
+    aspect_ratio: Number | None = Field(
+        None, gt=0, description="H/r at reference_radius at the start, instead of sound_speed"
+    )
     temperature_index: Number = Field(0.5, description="q in c_s^2 ~ r^-q, with aspect_ratio")
-    reference_radius: Length = Field(1.0, gt=0, description="where aspect_ratio holds")
-    mean_molecular_weight: Number = Field(2.34, gt=0, description="for temperatures")
+    reference_radius: Length = Field(1.0, gt=0, description="radius at which aspect_ratio holds")
+    mean_molecular_weight: Number = Field(2.34, gt=0, description="mean molecular weight, for temperatures")
 
 
 class Polytropic(Table):
     """P = constant rho^gamma."""
 
     kind: Literal["polytropic"] = "polytropic"
-    gamma: Annotated[Number, AfterValidator(_not_isothermal)] = Field(gt=0, le=STEEPEST, description="exponent")
-    constant: Annotated[float, Measure("polytropic_constant")] = Field(gt=0, description="P / rho^gamma")
-    mean_molecular_weight: Number = Field(2.34, gt=0, description="for temperatures")
+    gamma: Annotated[Number, AfterValidator(_not_isothermal)] = Field(gt=0, le=STEEPEST, description="exponent gamma")
+    constant: Annotated[float, Measure("polytropic_constant")] = Field(
+        gt=0, description="polytropic constant P / rho^gamma"
+    )
+    mean_molecular_weight: Number = Field(2.34, gt=0, description="mean molecular weight, for temperatures")
 
 
 def _needs_star(draft: Draft) -> Iterator[Problem]:
     if not draft.has("star"):
-        yield ("gas", "eos", "kind"), "H/r needs a star to orbit; expected a table [star] too"
+        yield ("gas", "eos", "kind"), "H/r needs a star; expected a table [star] too"
 
 
 def _one_temperature(draft: Draft) -> Iterator[Problem]:
     eos = draft.gas.eos
     brings = getattr(draft.start, "brings_pressure", False) or getattr(draft.initial, "brings_temperature", False)
     if eos.sound_speed is not None and eos.aspect_ratio is not None:
-        yield ("gas", "eos", "sound_speed"), "aspect_ratio is there too; expected one of the two"
+        yield ("gas", "eos", "sound_speed"), "aspect_ratio is also given; expected only one of the two"
     elif eos.sound_speed is None and eos.aspect_ratio is None and draft.start and not brings:
-        yield ("gas", "eos"), "the gas has no temperature at the start; expected sound_speed or aspect_ratio"
+        yield ("gas", "eos"), "no temperature at the start is given; expected sound_speed or aspect_ratio"
     if eos.aspect_ratio is not None and not draft.has("star"):
-        yield ("gas", "eos", "aspect_ratio"), "H/r needs a star to orbit; expected a table [star] too"
+        yield ("gas", "eos", "aspect_ratio"), "H/r needs a star; expected a table [star] too"
 
 
 def _q_of_the_mass(draft: Draft) -> Iterator[Problem]:
     if getattr(draft.initial, "toomre_q", None) is not None and draft.gas.eos.gamma == 3.0:
-        wrong = "Q does not depend on the mass of a polytropic disc with gamma = 3"
+        wrong = "Toomre Q of a polytropic disc with gamma = 3 does not depend on its mass"
         yield ("initial", "toomre_q"), f"{wrong}; expected mass or surface_density"
 
 

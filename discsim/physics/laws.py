@@ -152,7 +152,7 @@ def _grains(draft: Draft) -> Iterator[Problem]:
     for i, dust in enumerate(draft.dust or ()):
         for key in ("grain_size", "grain_density"):
             if getattr(dust, key) is None:
-                yield ("dust", i, key), f'missing; drag.law "{draft.drag.law}" needs it'
+                yield ("dust", i, key), f'missing, but drag.law "{draft.drag.law}" needs it; expected this key too'
 
 
 def _height(draft: Draft) -> Iterator[Problem]:
@@ -165,12 +165,15 @@ def _height(draft: Draft) -> Iterator[Problem]:
 
 def _column(draft: Draft) -> Iterator[Problem]:
     if draft.drag.mean_free_column is None and draft.in_code_units:
-        yield ("drag", "mean_free_column"), f'missing; in code units law "{draft.drag.law}" needs it'
+        yield (
+            ("drag", "mean_free_column"),
+            f'missing, but law "{draft.drag.law}" needs it in code units; expected this key too',
+        )
 
 
 def _star(draft: Draft) -> Iterator[Problem]:
     if not draft.has("star"):
-        yield ("drag", "law"), "t_stop = stokes / Omega needs a star to orbit; expected a table [star] too"
+        yield ("drag", "law"), "t_stop = stokes / Omega needs a star; expected a table [star] too"
 
 
 def _disc(draft: Draft) -> Iterator[Problem]:

@@ -79,7 +79,7 @@ def phase(axes: Axes, snap: Snapshot, name: str, against: str, look: Look) -> No
     for each, field in zip((against, name), fields, strict=True):
         if field.kind != "particles" or field.species != fields[1].species:
             of = fields[1].species or "one species"
-            raise PlotError(f"{each}: no field of the particles of {of}; --against takes two of the same, like v_r")
+            raise PlotError(f"{each}: not a particle field of {of}; expected two fields of the same species, like v_r")
     values = [field.factor(snap.units) * field.values(snap) for field in fields]
     cells = int(np.clip(0.7 * len(values[0]) ** 0.5, 20, MOST_CELLS))
     edges = [_edges(field, array, cells) for field, array in zip(fields, values, strict=True)]
@@ -96,7 +96,7 @@ def phase(axes: Axes, snap: Snapshot, name: str, against: str, look: Look) -> No
             getattr(axes, f"set_{axis.axis_name}scale")("log")
             log_ticks(axis, ends[0], ends[-1])
     axes.set(xlabel=fields[0].text(snap.units), ylabel=fields[1].text(snap.units))
-    colour_bar(axes, image, f"share of the mass of {fields[1].species}")
+    colour_bar(axes, image, f"mass fraction of {fields[1].species}")
 
 
 def _log(field: Field, edges: Array) -> bool:

@@ -56,7 +56,7 @@ class Film:
         refuse_special(path)
         files = files_of(self.source)
         if len(files) < 2:
-            raise PlotError(f"{self.source}: one snapshot makes no film; expected the directory of a run")
+            raise PlotError(f"{self.source}: a film needs several snapshots; expected the directory of a run")
         if times_of(files[:1])[1].dimensions == 1:
             raise PlotError(f"{self.source}: a run in one dimension has no map; expected `discsim plot --time`")
         frames = self._frames(files, say)
@@ -105,7 +105,7 @@ def writer_of(path: Path) -> Callable[[Path, Iterator[Image.Image], float], None
     if path.suffix.lower() == ".gif":
         return _gif
     if path.suffix.lower() != ".mp4":
-        raise PlotError(f"{path}: no format of films; expected a name that ends in .mp4 or .gif")
+        raise PlotError(f"{path}: unknown film format; expected a name that ends in .mp4 or .gif")
     if not find_spec("imageio_ffmpeg"):
         remedy = f"-o NAME.gif, or {command_of_extra('movie')}"
         raise PlotError(f"{path}: mp4 needs imageio-ffmpeg, which is not installed; expected {remedy}")

@@ -50,23 +50,26 @@ class Request:
     def _refuse_what_does_nothing(self) -> None:
         """Raise PlotError for an option that this kind of figure does not use."""
         if self.at and self.kind == "time":
-            raise PlotError("--at: --time is of all snapshots; expected one of the two")
+            raise PlotError("--at: --time uses all snapshots; expected only one of the two")
         if self.look.distance is not None and self.kind not in (None, "map"):
-            raise PlotError("--distance: goes with maps; expected no such figure, or no distance")
+            raise PlotError("--distance: used only for maps; expected a map, or no --distance")
         if self.look.window is not None and self.kind == "phase":
-            raise PlotError("--window: goes with maps and radii; expected none with --against")
+            raise PlotError("--window: not used with --against; expected only one of the two")
         if self.look.optics is not None and not {"emission", "optical_depth"} & set(self.words):
-            raise PlotError("--wavelength and --opacity: go with --field emission or optical_depth")
+            raise PlotError(
+                "--wavelength and --opacity: used only by emission and optical_depth; expected --field with one "
+                "of these"
+            )
 
     def _at_times(self) -> Board:
         found = chosen(self.sources, self.at)
         if self.compare and len(found) != 2:
-            raise PlotError("--compare: takes two snapshots; expected one DIR or FILE, and at most one --at")
+            raise PlotError("--compare: compares two snapshots; expected one DIR or FILE, and at most one --at")
         names, snaps = self._read([each.path for each in found])
         head, titles = compose.titles_of(snaps, found)
         kind = self.kind or ("map" if snaps[0].dimensions == 2 else "profile")
         if self.compare and kind in ("profile", "phase"):
-            raise PlotError("--compare: goes with maps, --polar and --time; expected both runs, DIR DIR")
+            raise PlotError("--compare: used only for maps, --polar and --time; expected the two runs as DIR DIR")
         flat = compose.flat(names)
         if kind == "phase":
             return Board(
@@ -87,7 +90,7 @@ class Request:
     def _in_time(self) -> Board:
         runs = [(files_of(source), name_of(source)) for source in self.sources]
         if min(len(files) for files, _ in runs) < 2:
-            raise PlotError("--time: needs the snapshots of a run; expected its directory")
+            raise PlotError("--time: needs all snapshots of a run; expected the directory of the run")
         names, snaps = self._read([files[0] for files, _ in runs])
         flat, look = compose.flat(names), self.look.shared(snaps, "time")
         made = [pictures.in_time(files, flat, look) for files, _ in runs]
@@ -103,7 +106,7 @@ class Request:
         """
         every = [times_of([path])[1] for path in paths]
         if any(vars(units) != vars(every[0]) for units in every):
-            raise PlotError("the runs have different dimensions or units; expected the same in all")
+            raise PlotError("the runs have different dimensions or units; expected the same for all runs")
         words = list(self.words) or compose.usual_words(every[0].dimensions)
         wanted = compose.all_names([*words, *([self.against or "radius"] if self.kind == "phase" else [])])
         snaps = [read(path, wanted) for path in paths]
@@ -128,7 +131,7 @@ def save(make: Callable[[], Figure], path: Path) -> None:
     Raises PlotError for an unknown format, OSError.
     """
     if path.suffix.lower() not in FORMATS:
-        raise PlotError(f"{path}: no format of figures; expected a name that ends in {', '.join(FORMATS)}")
+        raise PlotError(f"{path}: unknown figure format; expected a name that ends in {', '.join(FORMATS)}")
     refuse_special(path)
     figure = make()
     path.parent.mkdir(parents=True, exist_ok=True)

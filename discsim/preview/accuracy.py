@@ -59,15 +59,15 @@ def _disc_rows(scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
         return
     by_mass, below = at.by_mass()
     ratio = float(np.interp(0.5, below, by_mass))
-    yield "h/H of half the gas, at most", f"{ratio:.2g}"
-    yield "pull of the pressure off by about", f"{0.02 * (ratio / 0.32) ** 2:.1%}"
+    yield "median h/H of the gas", f"{ratio:.2g}"
+    yield "error of the pressure force, about", f"{0.02 * (ratio / 0.32) ** 2:.1%}"
     beside = (viscosity.artificial(scene, at) + viscosity.noise(scene, at)) / (at.resolution * at.thermal_speed)
     alpha = ratio * float(np.median(beside))
-    yield "alpha of viscosity and noise, about", f"{float(f'{alpha:.1g}'):g}"
+    yield "numerical alpha (viscosity, noise)", f"{float(f'{alpha:.1g}'):g}"
     if scene.run.timestep is None:
         orbits = (scene.run.until - start_time(scene)) * float(np.median(at.omega)) / (2.0 * np.pi)
         energy = 3e-3 * (scene.run.courant / 0.8) ** 2.4 * orbits / 3.0
-        yield "energy changed by the step, about", f"{energy:.1g}"
+        yield "energy error of the step, about", f"{energy:.1g}"
     yield from _drag_rows(scene, at)
 
 
@@ -79,26 +79,26 @@ def _drag_rows(scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
     worst = int(np.argmax(widths))
     off, where = drift_error(widths[worst]), f"in drag cells of {widths[worst]:.2g} H {at.where(worst)}"
     if off < 1.0:
-        yield "drift past the gas off by about", f"{off:.1g} at St = 0.01, {where}; less above"
+        yield "error of the dust drift, about", f"{off:.1g} at St = 0.01, {where}; smaller for larger St"
     else:
-        yield "drift past the gas", f"wrong by itself or more at St = 0.01, {where}"
+        yield "error of the dust drift", f"100% or more at St = 0.01, {where}"
 
 
 def _gravity_rows(scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
     if scene.self_gravity is not None and at.cell and scene.space.dimensions == 2:
         length = self_gravity.kernel_length(scene)
-        yield "self-gravity off by up to", f"{0.003 * (2.0 * at.cell / length) ** 2:.1g} of the force, by its cells"
+        yield "error of self-gravity, up to", f"{0.003 * (2.0 * at.cell / length) ** 2:.1g} of the force, from the grid"
 
 
 def _precision_rows(scene: Scene) -> Iterator[tuple[str, str]]:
     if scene.gas is not None and scene.gas.precision == "single":
-        yield "forces of the gas off by about", "3e-7 of their rms, by single precision: too much for weak waves alone"
+        yield "error of gas forces, about", "3e-7 of their rms, from single precision; too large only for weak waves"
 
 
 def _exact_rows(scene: Scene) -> Iterator[tuple[str, str]]:
     start = start_of(scene)
     if start.measure is not None and not set(scene.named) - {"gas", "dust", "drag", *start.exact_with}:
-        yield "exact solution", "there may be one: discsim cost SCENE --error 1% holds runs against it"
+        yield "exact solution", "may exist; discsim cost SCENE --error 1% compares with it"
 
 
 # Stored results of searches

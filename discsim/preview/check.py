@@ -21,12 +21,12 @@ MOST = 0.95  # share of the steps above which the effect that sets them is named
 def report(scene: Scene) -> str:
     """Return the text of `discsim check`."""
     parts = [
-        [scene.title or "(no title)"],
+        [scene.title or "(untitled)"],
         ["units", *(f"  {line}" for line in _unit_lines(scene.units))],
-        ["effects that will run", *(f"  {name:<18} {keys}" for name, keys in effect_lines(scene))],
+        ["effects", *(f"  {name:<18} {keys}" for name, keys in effect_lines(scene))],
         ["derived numbers", *(f"  {name:<34} {value}" for name, value in derived(scene))],
         ["forecast", *(f"  {name:<34} {value}" for name, value in _forecast_rows(scene))],
-        ["accuracy, from what is known", *(f"  {name:<34} {value}" for name, value in _accuracy_rows(scene))],
+        ["accuracy, estimated", *(f"  {name:<34} {value}" for name, value in _accuracy_rows(scene))],
         ["warnings", *(f"  {line}" for line in [*too_much(scene), *warnings(scene)] or ["none"])],
     ]
     return "\n\n".join("\n".join(part) for part in parts)
@@ -35,16 +35,16 @@ def report(scene: Scene) -> str:
 def _forecast_rows(scene: Scene) -> Iterator[tuple[str, str]]:
     expected = forecast(scene)
     if expected is None:
-        yield "none", "nothing limits its step"
+        yield "none", "no effect limits the time step"
         return
     steps = expected.steps
-    yield "steps, about", f"{float(f'{steps.number:.2g}'):.0f}"
+    yield "number of steps, about", f"{float(f'{steps.number:.2g}'):.0f}"
     yield (
-        "their length is set by",
-        f"{steps.by} {steps.where}".rstrip() + (f", in {steps.share:.0%} of them" if steps.share < MOST else ""),
+        "time step set by",
+        f"{steps.by} {steps.where}".rstrip() + (f", in {steps.share:.0%} of the steps" if steps.share < MOST else ""),
     )
     if scene.space.dimensions == 1:
-        yield "CPU time of the run, about", "seconds, as in one dimension"
+        yield "CPU time of the run, about", "seconds (one dimension)"
         return
     yield "CPU time of a step, about", f"{expected.step_seconds:.2g} s"
     if expected.relaxation > 0.0:
@@ -52,13 +52,13 @@ def _forecast_rows(scene: Scene) -> Iterator[tuple[str, str]]:
     yield "CPU time of the run, about", clock(expected.seconds)
     known = len(known_runs())
     runs = f"the last {known} long runs" if known > 1 else "the last long run"
-    yield "CPU times rest on", f"{runs} on this machine" if known else "stored figures: no long run here yet"
+    yield "CPU times estimated from", f"{runs} on this machine" if known else "stored figures: no long run here yet"
     yield "memory, about", f"{float(f'{expected.memory / 2**20:.2g}'):.0f} MiB"
 
 
 def _accuracy_rows(scene: Scene) -> Iterator[tuple[str, str]]:
     found = accuracy(scene)
-    yield from found or [("nothing", "discsim cost SCENE --error 1% finds out")]
+    yield from found or [("nothing", "measure it with: discsim cost SCENE --error 1%")]
 
 
 def _unit_lines(units: Units) -> Iterator[str]:

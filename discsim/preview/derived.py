@@ -142,14 +142,14 @@ def _orbit_rows(scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
         return
     period = 2 * math.pi / at.omega
     yield "orbital period", _list(scene.units, period, "time")
-    yield "orbits until the end", _plain((scene.run.until - start_time(scene)) / period)
+    yield "number of orbits", _plain((scene.run.until - start_time(scene)) / period)
     if at.scale_height is not None and at.sound_speed is not None:
         yield "H/r", _plain(at.scale_height / at.radius)
         if at.resolution is not None:
             yield "h/H", _plain(at.resolution / at.scale_height)
             yield "Toomre Q", _plain(at.toomre_q)
         slopes = profile.pressure_slopes(scene, at.radius)
-        names = "headwind eta v_K", "headwind of midplane pressure"
+        names = "headwind eta v_K", "headwind from midplane pressure"
         for name, slope in zip(names, slopes or (), strict=False):
             yield name, _list(scene.units, 0.5 * slope * at.thermal_speed**2 / (at.radius * at.omega), "velocity")
 
@@ -159,7 +159,7 @@ def _drag_rows(scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
     for i, time in enumerate(times):
         which, dust = f" {i}" if len(times) > 1 else "", scene.dust[i]
         if has_sizes(dust):
-            yield f"mean size of the grains{which}, by mass", scene.units.show(typical_size(dust), "length")
+            yield f"mass-weighted mean grain size{which}", scene.units.show(typical_size(dust), "length")
             which += " of the mean size"
         if i == 0 and (formula := LAWS[scene.drag.law].formula) is not None:
             yield "formula of the stopping time", formula(scene)

@@ -132,9 +132,9 @@ def close_pairs(scene: Scene) -> Iterator[str]:
     times = steps.number / expected_steps(scene, without="companion").number
     for k, mass, differs in found:
         yield (
-            f"the orbit of companion {k} makes about {times:.1g} times as many steps, and the pull of the pair at "
-            f"the inner edge differs from that of one star by {differs:.1g} of it: leave the companion out, and "
-            f"set star.mass = {scene.units.show(mass, 'mass')}"
+            f"the orbit of companion {k} needs about {times:.1g} times as many steps, but the gravity of the pair at "
+            f"the inner edge differs from that of a single star only by a fraction of {differs:.1g}: leave the "
+            f"companion out, and set star.mass = {scene.units.show(mass, 'mass')}"
         )
 
 

@@ -45,7 +45,7 @@ def effects_text(name: str | None = None) -> str:
         return "\n\n".join([*map(_table_text, EFFECTS), "Tables that set up a run", *map(_table_text, SETUP_TABLES)])
     known = [*EFFECTS, *SETUP_TABLES]
     if name not in known:
-        raise UserError(f"{clipped(name)}: no such table; expected one of {', '.join(known)}{near(name, known)}")
+        raise UserError(f"{clipped(name)}: unknown table; expected one of {', '.join(known)}{near(name, known)}")
     return _table_text(name)
 
 
@@ -97,7 +97,7 @@ def pieces(part: str) -> list[str]:
 def _schemes() -> Iterator[str]:
     for name in SCHEMES:
         yield ""
-        yield f'  scheme = "{name}"' + ("" if SCHEMES[name].conserves else ": momentum is not conserved")
+        yield f'  scheme = "{name}"' + ("" if SCHEMES[name].conserves else ": does not conserve momentum")
         yield from _indented(docstring(SCHEMES.module(name)).removeprefix(f"{name}: "), "    ")
 
 
@@ -145,7 +145,7 @@ def _parts(name: str, annotation: Any) -> Iterator[Part]:
 
 def _about(name: str, annotation: Any, model: type[Table]) -> str:
     words = "" if model.__doc__ == Table.__doc__ else model.__doc__ or ""
-    several = f" `[[{name}]]` for each of several." if get_origin(annotation) is tuple else ""
+    several = f" Several: one `[[{name}]]` each." if get_origin(annotation) is tuple else ""
     return words + several
 
 

@@ -61,7 +61,7 @@ def of_history(scene: Scene, rows: list[dict[str, str]], found: list[Totals]) ->
     second.set(ylim=(0.0, None))
     return [
         Picture(_png(changes), "changes of totals against time", "Changes of totals."),
-        Picture(_png(steps), "lengths of steps against time", "Lengths of steps; those up to a snapshot are shorter."),
+        Picture(_png(steps), "time steps against time", "Time steps; steps that end at a snapshot are shorter."),
     ]
 
 

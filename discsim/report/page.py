@@ -42,11 +42,11 @@ def write_report(directory: Path, path: Path) -> None:
     refuse_special(path)
     snapshots = sorted((directory / "snapshots").glob("*.h5"))
     if not snapshots or not (directory / "scene.toml").exists():
-        raise ReportError(f"{directory}: no run here; expected a directory with scene.toml and snapshots")
+        raise ReportError(f"{directory}: no run found; expected a directory with scene.toml and snapshots")
     scene = load_scene(directory / "scene.toml")
     rows = read_history(directory / "history.csv", scene)
     if not rows:
-        raise ReportError(f"{directory / 'history.csv'}: no rows; expected those of a run")
+        raise ReportError(f"{directory / 'history.csv'}: the file has no rows; expected the history.csv of a run")
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("discsim.report", "."), autoescape=True, undefined=jinja2.StrictUndefined,
         finalize=_printable_text, trim_blocks=True, lstrip_blocks=True,

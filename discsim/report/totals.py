@@ -63,11 +63,11 @@ def totals(scene: Scene, rows: list[dict[str, str]]) -> list[Totals]:
     size = kinetic + sum(np.abs(each) for each in others)
     moved = float(np.sqrt(2.0 * kinetic * np.maximum(mass, 0.0)).max())
     flat = scene.space.dimensions == 2
-    taken = ["what the star took"] if (column("accreted_gas") + column("accreted_dust"))[-1] > 0.0 else []
+    taken = ["accretion by the star"] if (column("accreted_gas") + column("accreted_dust"))[-1] > 0.0 else []
     pushes = [f"[{name}]" for name in PUSHES if scene.table(name) is not None] + taken
     ends = [] if flat or scene.space.boundary == "periodic" else ["the ends of the tube"]
     heats = [f"[{name}]" for name in HEATS if scene.table(name) is not None] + taken
-    heats += [] if scene.gas is None or eos_of(scene).closes_energy else ["the temperature that gas is held at"]
+    heats += [] if scene.gas is None or eos_of(scene).closes_energy else ["the prescribed gas temperature"]
     # In one dimension masses are column densities, and derived quantities are per area.
     of = (lambda name: name) if flat or scene.units.system == "code" else lambda name: "surface_density"
     found = [entry("mass", mass, float(np.abs(mass).max()), of("mass"), [])]

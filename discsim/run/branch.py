@@ -64,10 +64,10 @@ def _snapshot(run: Path, number: int | None) -> Path:
     """Return the path of a snapshot, by default the last one. Raises BranchError."""
     found = {int(path.stem): path for path in (run / "snapshots").glob("*.h5") if path.stem.isdecimal()}
     if not found:
-        raise BranchError(f"{run}: no snapshots here; expected the directory of a run")
+        raise BranchError(f"{run}: no snapshots found; expected the directory of a run")
     wanted = max(found) if number is None else number
     if wanted not in found:
-        raise BranchError(f"{run}: no snapshot {wanted:04d}; expected {min(found):04d} to {max(found):04d}")
+        raise BranchError(f"{run}: there is no snapshot {wanted:04d}; expected {min(found):04d} to {max(found):04d}")
     return found[wanted]
 
 
@@ -88,8 +88,8 @@ def _refuse_lost_temperature(before: Scene, settings: Sequence[str]) -> None:
         return
     given = any(each.startswith("gas.eos") for each in settings)
     if before.gas.eos.kind == "locally-isothermal" and not given:
-        wrong = "its gas has the temperatures of the table that it began with, which no snapshot holds"
-        raise BranchError(f"{before.path}: {wrong}; expected others, like --set gas.eos.aspect_ratio=0.05")
+        wrong = "the gas temperature came from the table of the start, and snapshots do not contain it"
+        raise BranchError(f"{before.path}: {wrong}; expected another temperature, like --set gas.eos.aspect_ratio=0.05")
 
 
 def _changes(before: Scene, after: Scene) -> Iterator[str]:
@@ -103,10 +103,10 @@ def _changes(before: Scene, after: Scene) -> Iterator[str]:
             path.pop(1)  # a list of one is written as a table
         was, now = (value_at(data, *path) for data in (old, new))
         if path == [path[0]] and path[0] in EFFECTS:
-            yield f"[{key}] taken out" if now is None else f"[{key}] put in" if was is None else f"[{key}] changed"
+            yield f"[{key}] removed" if now is None else f"[{key}] added" if was is None else f"[{key}] changed"
         else:
             yield f"{'.'.join(map(str, path))} = {_shown(now)}, was {_shown(was)}"
 
 
 def _shown(value: Any) -> str:
-    return "its default" if value is None else json.dumps(value, ensure_ascii=False)
+    return "the default" if value is None else json.dumps(value, ensure_ascii=False)

@@ -48,8 +48,10 @@ class Checkpoints:
         for path in later_snapshots(folder, number):
             with suppress(SnapshotError), hdf5.reading(path, SnapshotError, "snapshot") as file:
                 if time_of(file) <= put_out:
-                    wrong = f"a damaged checkpoint: it counts {number} snapshots, and {path} is of before it"
-                    raise CheckpointError(f"{self.chosen}: {wrong}; expected all until it to be counted")
+                    wrong = f"damaged checkpoint: it counts only {number} snapshots, but {path} is older than it"
+                    raise CheckpointError(
+                        f"{self.chosen}: {wrong}; expected a checkpoint that counts all earlier snapshots"
+                    )
 
     def settle(self) -> None:
         """Rename the chosen checkpoint to the last one, so that the next one does not replace it."""

@@ -33,7 +33,9 @@ LEFT_BY_A_RUN = ("scene.toml", *CHECKPOINTS, "snapshots")
 NO_LOCKS = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP)
 # Errors of open on a link, a directory or a socket in place of a lock.
 NO_LOCK_FILE = (errno.ELOOP, errno.EISDIR, errno.ENXIO)
-NO_LOCK = "is no plain file, where a run keeps its lock; expected another directory, or that to be removed"
+NO_LOCK = (
+    "is not a plain file, but runs use this name for their lock; expected another directory, or this entry removed"
+)
 
 _locks: set[int] = set()  # descriptors of the locks that this process holds
 
@@ -59,17 +61,20 @@ def directory_fault(directory: Path, resume: bool) -> str | None:
         if not nearest.is_dir():
             return f"{directory}: {nearest} is a file; expected a directory"
         if not os.access(nearest, os.W_OK | os.X_OK):
-            return f"{directory}: {nearest} is not writable; expected a directory to write to"
+            return f"{directory}: {nearest} is not writable; expected a writable directory"
         left = [name for name in LEFT_BY_A_RUN if (directory / name).exists()]
     except OSError as error:
-        return f"{directory}: {error.strerror}; expected a directory to write to"
+        return f"{directory}: {error.strerror}; expected a writable directory"
     begun = only_begun(directory)
     if resume and not {*CHECKPOINTS} & {*left} and not begun:
         return f"{directory}: there is no checkpoint.h5 to resume from; expected the directory of an earlier run"
     if left and not resume:
-        holds = f"{directory}: holds a run already ({', '.join(left)})"
+        holds = f"{directory}: already contains a run ({', '.join(left)})"
         if begun:
-            return f"{holds}, without a checkpoint yet; expected another directory, or --resume, which begins it anew"
+            return (
+                f"{holds}, without a checkpoint; expected another directory, or --resume, which restarts it "
+                "from the beginning"
+            )
         way_on = ", or --resume" if {*CHECKPOINTS} & {*left} else ""
         return f"{holds}; expected another directory{way_on}"
     return None
@@ -88,7 +93,7 @@ def scene_there(directory: Path) -> bytes:
     try:
         return read_plain(path)
     except OSError as fault:
-        wanted = "expected the scene of the run there, or another directory"
+        wanted = "expected the scene of the run, or another directory"
         raise DirectoryError(f"{system_message(fault, 'read', path)}; {wanted}") from None
 
 
@@ -193,8 +198,8 @@ def _locked(path: Path) -> int | None:
             holder = os.read(file, 200).decode(errors="replace") or "another process"
             os.close(file)
             if isinstance(fault, BlockingIOError):
-                wanted = "expected another directory, or that one to end first"
-                raise DirectoryError(f"{path.parent}: a run is going on there ({holder}); {wanted}") from None
+                wanted = "expected another directory, or wait until that run has ended"
+                raise DirectoryError(f"{path.parent}: another run uses this directory ({holder}); {wanted}") from None
             if fault.errno not in NO_LOCKS:
                 raise
             path.unlink(missing_ok=True)
@@ -215,8 +220,8 @@ def _opened(path: Path) -> tuple[int, bool]:
         try:
             file, is_ours = os.open(path, os.O_RDONLY | flags), False
         except PermissionError:
-            wanted = "expected another directory, or that file to be removed once that user's run has ended"
-            raise DirectoryError(f"{path}: is a lock of another user, which cannot be opened; {wanted}") from None
+            wanted = "expected another directory, or remove the file after that user's run has ended"
+            raise DirectoryError(f"{path}: this lock belongs to another user and cannot be opened; {wanted}") from None
     except OSError as fault:
         if fault.errno not in NO_LOCK_FILE:
             raise

@@ -78,8 +78,8 @@ class Reversals:
         if 2 * reversals > number and 2 * beyonds > number:
             key = "courant" if state.scene.run.timestep is None else "timestep"
             raise PhysicsError(
-                f"the gas is torn apart: its acceleration swings back and forth from step to step, by more than "
-                f"{KICKED:g} of the sound speed in each; expected a smaller run.{key}"
+                f"the gas is numerically unstable: accelerations reverse in every step, and each kick exceeds "
+                f"{KICKED:g} times the sound speed; expected a smaller run.{key}"
             )
 
 
@@ -113,7 +113,7 @@ def check_entries(state: State, effects: Effects) -> None:
         count = check_arrays(name, held, dimensions)
         forces = state.own_acc.get(name)
         if forces is not None and len(forces) not in (0, count):
-            raise EntryError(f"{name} has {count} particles, and had {len(forces)} before; expected as many")
+            raise EntryError(f"{name} has {count} particles, but had {len(forces)} before; expected the same number")
     if state.bodies is not None:
         same = Bodies.at_rest(np.zeros(state.body_count))
         check_like("bodies", state.bodies.arrays(), same.arrays())
@@ -148,7 +148,7 @@ def check_forces(state: State, effects: Effects, limits: dict[str, float]) -> No
     _check_bodies(state)
     for name, limit in limits.items():
         if math.isnan(limit) or limit <= 0.0:
-            raise PhysicsError(f"the step that {name} allows is {limit}{_without_heat(state)}")
+            raise PhysicsError(f"the time-step limit of {name} is {limit}{_without_heat(state)}")
 
 
 def check_dust_step(state: State, effects: Effects, limits: Limits, dt: float) -> None:
@@ -162,9 +162,9 @@ def check_dust_step(state: State, effects: Effects, limits: Limits, dt: float) -
         remedy = remedy and f"{remedy}, or "
         which = f"dust particle {dust.ids[i]} at r = {np.linalg.norm(dust.pos[i]):.3g}"
     raise PhysicsError(
-        f"a step of {dt:.3g} is {dt / limits.dust:.3g} times the longest in which {which} keeps its orbit, by {name}: "
-        f"one-way dust does not shorten the step of the gas; expected "
-        f"{remedy}a smaller run.{'courant' if state.scene.run.timestep is None else 'timestep'}"
+        f"the time step {dt:.3g} is {dt / limits.dust:.3g} times the limit of {name} for the orbit of {which}: "
+        f"one-way dust does not shorten the time step; expected {remedy}a smaller "
+        f"run.{'courant' if state.scene.run.timestep is None else 'timestep'}"
     )
 
 
@@ -177,7 +177,9 @@ def _check_bodies(state: State) -> None:
         values = getattr(bodies, name)
         if not all(map(math.isfinite, values.ravel().tolist())):  # numpy takes five times as long for so few
             i = int(np.argmin(np.isfinite(values).all(axis=1)))
-            raise PhysicsError(f"{bodies.name(i)} is not finite in its {name} (step {state.step}); do two bodies meet?")
+            raise PhysicsError(
+                f"{bodies.name(i)} is not finite in its {name} (step {state.step}); possibly two bodies collide"
+            )
 
 
 def _without_heat(state: State) -> str:
@@ -186,7 +188,7 @@ def _without_heat(state: State) -> str:
     if gas is None or gas.u is None or not gas.pressure.min() < 0.0:
         return ""
     coldest = gas.ids[gas.pressure.argmin()]
-    return f"; gas particle {coldest} has lost more heat in a step than it had: try a smaller run.courant"
+    return f"; gas particle {coldest} has a negative energy after one step: try a smaller run.courant"
 
 
 def _check_all(
@@ -229,7 +231,7 @@ def _culprit(state: State, effects: Effects, species: str, i: int) -> str:
         except FloatingPointError as fault:
             return f"; {fault}"
         if not np.isfinite(found[i]).all():
-            return f"; the first effect to give it an acceleration that is not finite is {name}"
+            return f"; the first effect with an acceleration that is not finite is {name}"
     return ""
 
 

@@ -62,7 +62,7 @@ class Progress:
         """Report the compilation of a kernel, the `count`-th of the run, if a frame or a line is due."""
         now = time.monotonic()
         if count == 1:
-            self.say("compiling kernels that are not on disk yet: once, up to a minute for a scene with drag")
+            self.say("compiling kernels for the first time: up to a minute for a scene with drag")
             self._next_line = now + LINE_EVERY
         if self.screen.has_frames and not self.quiet:
             if now >= self._next_frame:
@@ -128,7 +128,7 @@ class Progress:
                 facts["speed"] = f"{(state.step - step) / elapsed:.3g} steps/s"
                 facts["left"] = f"{clock(left)} left"
         if world.together.many:
-            facts["load"] = f"busiest rank {world.together.balance:.2f} of the mean"
+            facts["load"] = f"busiest rank {world.together.balance:.2f} times the mean load"
         return facts
 
     def _frame(self, state: State, dt: float, set_by: str) -> None:

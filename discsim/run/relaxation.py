@@ -49,8 +49,8 @@ class Relaxed(NamedTuple):
 
     def __str__(self) -> str:
         took = f"{self.steps} steps, {self.seconds:.1f} s of CPU"
-        change = f"from {self.before:.2g} to {self.after:.2g} c_s Omega, rms"
-        return f"the gas settled for {self.orbits:g} orbits before t = 0 ({took}): forces out of balance {change}"
+        change = f"from {self.before:.2g} to {self.after:.2g} c_s Omega (rms)"
+        return f"gas relaxed for {self.orbits:g} orbits before t = 0 ({took}): residual acceleration {change}"
 
 
 def relax(state: State, effects: dict[str, Effect]) -> Relaxed | None:
@@ -67,7 +67,7 @@ def relax(state: State, effects: dict[str, Effect]) -> Relaxed | None:
     while passed < until:
         dt = min(scene.run.courant * disc.limit(), until - passed)
         if passed + dt == passed:
-            raise PhysicsError(f"relaxing the start, the step has collapsed to {dt:g}")
+            raise PhysicsError(f"in the relaxation before t = 0 the time step collapsed to {dt:g}")
         disc.step(dt)
         steps, passed = steps + 1, passed + dt
     gas.pos[:], gas.vel[:], gas.h[:] = disc.alone.gas.pos, disc.velocities(), disc.alone.gas.h
@@ -129,7 +129,7 @@ class _Rings:
         self.radial += 0.5 * dt * self.acc
         self.radius += dt * self.radial
         if self.radius.min() <= 0.0:
-            raise PhysicsError("relaxing the start, a ring of gas falls into the centre")
+            raise PhysicsError("in the relaxation before t = 0 a ring of gas falls into the centre")
         self.turned += dt * self.spin / self.radius**2
         self.forces()
         self.radial += 0.5 * dt * self.acc

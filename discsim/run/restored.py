@@ -65,7 +65,9 @@ def _particles(state: State, name: str, held: dict[str, Array]) -> dict[str, Arr
     own = state.species[name].arrays()
     arrays = {key: held[key] for key in own}
     if others := held.keys() - own.keys():
-        raise EntryError(f"{name} has the array {min(others)} too; expected {', '.join(own)}, as in this scene")
+        raise EntryError(
+            f"{name} has an extra array {min(others)}; expected only those of this scene: {', '.join(own)}"
+        )
     check_arrays(name, arrays, state.scene.space.dimensions)
     check_finite(name, arrays)
     check_ranges(name, arrays, populations=len(state.scene.dust or ()))
@@ -77,12 +79,12 @@ def _own_acc(state: State, effects: Effects, held: dict[str, Array], particles: 
     wanted = set(particles) if kick_effect(effects) is not None else set()
     if held.keys() != wanted:
         raise EntryError(
-            f"it has own_acc of {', '.join(held) or 'nothing'}; expected of {', '.join(wanted) or 'nothing'}"
+            f"own_acc is stored for {', '.join(held) or 'no species'}; expected for {', '.join(wanted) or 'no species'}"
         )
     for name, array in held.items():
         count = check_arrays(f"own_acc of {name}", {"acc": array}, state.scene.space.dimensions)
         if count not in (0, len(particles[name]["mass"])):
-            raise EntryError(f"own_acc of {name} has {count} rows; expected as many as there are particles")
+            raise EntryError(f"own_acc of {name} has {count} rows; expected one per particle")
     check_finite("own_acc", held)
     return dict(held)
 

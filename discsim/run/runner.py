@@ -63,18 +63,18 @@ def ended(run: Run, resume: bool) -> int:
         try:
             return run.go(resume)
         except PhysicsError as fault:
-            fail(f"stopped by the physics {run.where()}: {fault}", run.way_back())
+            fail(f"stopped by a numerical failure {run.where()}: {fault}", run.way_back())
             return PHYSICS
         except UserError as fault:
             fail(*str(fault).split("\n"))
             return WRONG_INPUT
         except MemoryError as fault:
-            fail(f"out of memory {run.where()}: {fault or 'no room for an array'}", run.way_back())
+            fail(f"out of memory {run.where()}: {fault or 'an array does not fit'}", run.way_back())
             return PHYSICS
         except OSError as fault:
             if of_numba_cache(fault) and fault.errno not in NO_HANDLES:
                 reason = fault.strerror or str(fault)
-                cure = "Make room there, or set NUMBA_CACHE_DIR to another directory"
+                cure = "Free disk space there, or set NUMBA_CACHE_DIR to another directory"
                 fail(f"{cache.folder()}: compiled kernels cannot be written: {reason}. {cure}. {run.way_back()}")
             else:
                 fail(f"{system_message(fault, 'written', directory)}. {run.way_back()}")
@@ -83,7 +83,7 @@ def ended(run: Run, resume: bool) -> int:
             fail(str(fault))
             return NOT_WRITTEN
         except KeyboardInterrupt:
-            fail(f"left at once. {run.way_back()}")
+            fail(f"stopped immediately. {run.way_back()}")
             return 128 + run.interrupts.number
         finally:
             run.close()
@@ -122,7 +122,7 @@ class Run:
         if self.sim.relaxed is not None:
             self.progress.say(str(self.sim.relaxed))
         if cache.is_temporary():
-            why = "numba's own places cannot be written; NUMBA_CACHE_DIR names another"
+            why = "numba's usual folders are not writable; set NUMBA_CACHE_DIR to choose another"
             self.progress.say(f"compiled kernels are kept in {cache.folder()}: {why}")
         self._open(resume)
         if not resume:
@@ -148,7 +148,7 @@ class Run:
         if self.saved_time is None:
             return "There is no checkpoint yet."
         command = f"discsim run {self.directory / 'scene.toml'} -o {self.directory} --resume"
-        return f"{self.checkpoints.last} is of t = {self._show(self.saved_time)}; go on from it with: {command}"
+        return f"{self.checkpoints.last} is a checkpoint at t = {self._show(self.saved_time)}; resume with: {command}"
 
     def close(self) -> None:
         self.progress.close()
@@ -177,7 +177,7 @@ class Run:
         sweep(self.directory)
         if not self.figure.exists() and self._snapshot(self.snapshots - 1).exists():
             self._draw()  # the run was killed before it drew the figure
-        self.progress.say(f"{self.directory}: finished already, at t = {self._show(reached)}")
+        self.progress.say(f"{self.directory}: already finished, at t = {self._show(reached)}")
         return DONE
 
     def _copy_files(self) -> None:
@@ -191,7 +191,7 @@ class Run:
         if not only_begun(self.directory):
             return True
         refuse_another(self.directory / "scene.toml", scene_there(self.directory), self.scene)
-        self.progress.say(f"{self.directory}: nothing was saved there yet; the run begins anew")
+        self.progress.say(f"{self.directory}: no checkpoint was written yet; the run restarts from the beginning")
         return False
 
     def _time_to_resume(self) -> float:
@@ -204,10 +204,10 @@ class Run:
         reached = values.number("time")
         self.snapshots, self.put_out = values.whole("snapshots", 1, MOST_SNAPSHOTS), values.number("put_out")
         if self.put_out > reached:
-            values.refuse("put_out", f"at most its time, {reached:g}")
+            values.refuse("put_out", f"at most the checkpoint's time, {reached:g}")
         self.checkpoints.refuse_to_lose(self.directory / "snapshots", self.snapshots, self.put_out)
         if self.checkpoints.fault:
-            goes_on = f"goes on from {self.checkpoints.chosen}, of t = {self._show(reached)}"
+            goes_on = f"the run resumes from {self.checkpoints.chosen}, at t = {self._show(reached)}"
             self.progress.say(f"warning: {self.checkpoints.fault}; {goes_on}")
         if remark := other_version(values):
             self.progress.say(f"warning: {remark}")
@@ -218,7 +218,7 @@ class Run:
 
     def _announce(self, locked: bool) -> None:
         say = self.progress.say
-        say(f"discsim {__version__}: {self.scene.title or 'a scene without a title'}, into {self.directory}")
+        say(f"discsim {__version__}: {self.scene.title or 'untitled scene'}, into {self.directory}")
         say(f"command: {command()}")
         say(f"effects: {', '.join(self.scene.effects)}")
         for name, text in effect_rows(self.scene):
@@ -226,7 +226,7 @@ class Run:
         for line in warnings(self.scene):
             say(f"warning: {line}")
         if not locked:
-            say(f"warning: {self.directory} cannot be locked: files of a second run there would mix with these")
+            say(f"warning: {self.directory} cannot be locked: do not start a second run in it, as files would mix")
         say("loading kernels")
 
     def _open(self, resume: bool) -> None:

@@ -105,7 +105,7 @@ class Simulation(Summarised):
 
     def __reduce_ex__(self, protocol: Any) -> NoReturn:
         raise TypeError(
-            "a Simulation cannot be pickled or copied; expected save(path), and restore(path) of another one"
+            "a Simulation cannot be pickled or copied; expected save(path), then restore(path) of another Simulation"
         )
 
     @property
@@ -184,11 +184,11 @@ class Simulation(Summarised):
         Ctrl-C waits for the end of the step.
         """
         if not most > 0.0:
-            raise ValueError(f"most = {most} is no length of a step; expected a positive time in code units")
+            raise ValueError(f"most = {most} is not a time step; expected a positive time in code units")
         self._prepare()
         dt = min(self._next_step(math.inf), most)
         if dt == math.inf:
-            raise ValueError("nothing limits a step past run.until; expected its length, step(most=...), in code units")
+            raise ValueError("no effect limits the step after run.until; expected step(most=...), in code units")
         self._check_dust_step(dt)
         with self._whole():
             self._advance(dt)
@@ -466,7 +466,9 @@ class Simulation(Summarised):
         try:
             found = restored(self.state, self.effects, groups, values)
         except EntryError as fault:
-            raise CheckpointError(f"{path}: a damaged checkpoint, or of another version of discsim: {fault}") from None
+            raise CheckpointError(
+                f"{path}: damaged checkpoint, or written by another version of discsim: {fault}"
+            ) from None
         if remark := other_version(values):  # before anything is set, as a filter may raise it as an exception
             warnings.warn(remark, OtherVersionWarning, stacklevel=2)
         for name, arrays in found.particles.items():
@@ -526,12 +528,12 @@ class Simulation(Summarised):
 
     def _refuse_within(self) -> None:
         if self._open is not None:
-            wrong = "the state is being looked at, in a callback or synchronised()"
-            raise RuntimeError(f"{wrong}; expected this call after it, or of another Simulation")
+            wrong = "the state is being read, in a callback or in synchronised()"
+            raise RuntimeError(f"{wrong}; expected this call afterwards, or on another Simulation")
 
     def _refuse_half_made(self) -> None:
         if self._in_midst:
-            raise RuntimeError("a step was left half-made; expected a new Simulation, or restore() of a checkpoint")
+            raise RuntimeError("the last step was interrupted; expected a new Simulation, or restore() of a checkpoint")
 
     def _next_step(self, until: float) -> float:
         return next_step(self.state, self.operators.limits, until)

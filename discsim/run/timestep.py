@@ -29,7 +29,7 @@ def next_step(state: State, limits: Limits, until: float) -> float:
     if run.timestep is None and 2.0 * dt > left:
         return 0.5 * left  # two even steps rather than a long and a tiny one
     if state.time + dt == state.time:
-        raise PhysicsError(f"the step has collapsed to {dt:g}, set by {limits.by}")
+        raise PhysicsError(f"the time step collapsed to {dt:g}, set by {limits.by}")
     return dt
 
 
@@ -39,8 +39,8 @@ def _check_fixed(state: State, limits: Limits, left: float) -> None:
     if fixed is None or min(fixed, left) <= limits.growing or _over_before_it_grows(state, limits, left):
         return
     raise PhysicsError(
-        f"run.timestep is {fixed / limits.step:.3g} times the step that {limits.by} allows: "
-        f"above {limits.growing / limits.step:.3g} times sound and orbits grow without end; "
+        f"run.timestep is {fixed / limits.step:.3g} times the step limit of {limits.by}: "
+        f"above {limits.growing / limits.step:.3g} times the limit, sound waves and orbits are unstable; "
         f"expected at most {limits.step:.3g} code units"
     )
 

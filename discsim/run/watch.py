@@ -82,7 +82,7 @@ class Watch:
 def _check_interval(every: float, span: float, callback: Callable[[Simulation], object] | None) -> None:
     """Raise ValueError for an interval that is no time, has no callback, or gives too many calls."""
     if callback is None or not 0.0 < every < math.inf:
-        raise ValueError(f"every = {every}; expected a positive time, and a callback that is called then")
+        raise ValueError(f"every = {every}; expected a positive time, together with a callback")
     if span > MOST_SNAPSHOTS * every:
-        wrong = f"every = {every} makes {span / every:.3g} calls; expected {MOST_SNAPSHOTS:,} at most"
-        raise ValueError(f"{wrong}, so at least {span / MOST_SNAPSHOTS:.3g}")
+        wrong = f"every = {every} gives {span / every:.3g} calls; expected at most {MOST_SNAPSHOTS:,}"
+        raise ValueError(f"{wrong}, that is every at least {span / MOST_SNAPSHOTS:.3g}")

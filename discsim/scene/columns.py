@@ -115,7 +115,7 @@ def _read(value: Any, info: ValidationInfo) -> Columns | None:
     try:
         text = read_text(found.path)
     except UnicodeDecodeError:
-        raise fault(f"{found.path}: not a text; expected a table, {_wanted(units_of(info))}") from None
+        raise fault(f"{found.path}: not a text file; expected a table, {_wanted(units_of(info))}") from None
     except OSError as error:
         raise fault(system_message(error, "read", found.path)) from None
     lines = [(number, line.strip()) for number, line in enumerate(text.splitlines(), 1) if line.strip()]
@@ -129,7 +129,7 @@ def _read(value: Any, info: ValidationInfo) -> Columns | None:
     return Columns(found.path, found.digest, dict(zip(names, table, strict=True)), units_of(info).system != "code")
 
 
-ColumnsFile = Annotated[Any, BeforeValidator(_read), Words("path of a text file, relative to the scene's folder")]
+ColumnsFile = Annotated[Any, BeforeValidator(_read), Words("path of a text file, relative to the folder of the scene")]
 
 
 class _RowError(Exception):
@@ -150,12 +150,12 @@ def _header(lines: list[tuple[int, str]], units: Units) -> tuple[list[str], list
     text = line.lstrip("# \t")
     found = COLUMN.findall(text)
     if COLUMN.sub("", text) or not any(word.lower() in NAMES for word, _ in found):
-        raise _RowError(f":{number}: no header of a table; expected {_wanted(units)}")  # shows no text of other files
+        raise _RowError(f":{number}: not a table header; expected {_wanted(units)}")  # shows no text of other files
     names, factors = [], []
     for word, unit in found:
         name = NAMES.get(word.lower())
         if name is None or name in names:
-            wrong = "unknown" if name is None else "there twice"
+            wrong = "unknown" if name is None else "given twice"
             raise _RowError(f':{number}: column "{clipped(word)}" is {wrong}; expected each of {EACH} once')
         try:
             factors.append(_factor(name, unit.strip(), units))
@@ -198,7 +198,7 @@ def _row(number: int, line: str, names: list[str]) -> tuple[int, list[float]]:
 
 def _check(names: list[str], rows: list[tuple[int, list[float]]], factors: list[float]) -> None:
     if len(rows) < 2:
-        raise _RowError(f": {len(rows)} rows; expected two at least, from the inner edge to the outer one")
+        raise _RowError(f": {len(rows)} rows; expected at least two, from the inner to the outer edge")
     before = 0.0
     for number, row in rows:
         for name, entry, factor in zip(names, row, factors, strict=True):
@@ -208,7 +208,9 @@ def _check(names: list[str], rows: list[tuple[int, list[float]]], factors: list[
                 raise _RowError(f":{number}: {name} = {entry:g} is out of range; expected {words}")
         r = row[names.index("r")]
         if r <= before:
-            raise _RowError(f":{number}: r = {r:g} is not beyond {before:g} of the row before; expected rising radii")
+            raise _RowError(
+                f":{number}: r = {r:g} is not larger than {before:g} of the previous row; expected increasing radii"
+            )
         before = r
     if "ratio" in names and not any(row[names.index("ratio")] > 0.0 for _, row in rows):
-        raise _RowError(": the ratio is 0 everywhere; expected dust somewhere, or no such column")
+        raise _RowError(": the ratio is 0 everywhere; expected a positive ratio somewhere, or no column ratio")

@@ -23,11 +23,13 @@ def refuse_another(path: str | Path, text: bytes, now: Scene) -> None:
     try:
         before = load_scene(tomllib.loads(text.decode()), own_particles=now.initial is None, folder=Path(path).parent)
     except (SceneError, ValueError, RecursionError) as fault:
-        raise SceneError([f"{path}: its scene is not one of this version: {str(fault).splitlines()[0]}"]) from None
+        raise SceneError(
+            [f"{path}: this version of discsim cannot read the scene of the run: {str(fault).splitlines()[0]}"]
+        ) from None
     changed = [key for key in differences(before, now) if key not in FREE_TO_CHANGE]
     if changed:
-        wrong = f"the scene differs from the one there in {', '.join(changed)}"
-        raise SceneError([f"{path}: {wrong}; expected the same but for {', '.join(FREE_TO_CHANGE)}"])
+        wrong = f"the scene differs from that of the run in {', '.join(changed)}"
+        raise SceneError([f"{path}: {wrong}; expected no differences except in {', '.join(FREE_TO_CHANGE)}"])
 
 
 def differences(before: Any, now: Any, name: str = "") -> Iterator[str]:

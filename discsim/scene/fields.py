@@ -110,7 +110,9 @@ class Measure:
         units = units_of(info)
         if not self.name or units.system == "code":
             if self.name and isinstance(value, str):
-                raise fault(f"{shown(value)} is a text, but the scene is in code units; expected a plain number")
+                raise fault(
+                    f"{shown(value)} is a text, but the scene is in code units; expected a number without quotes"
+                )
             return number(value)
         gamma = info.data.get("gamma", 2.0)  # validated earlier, as a key of the same table
         if isinstance(value, str):
@@ -129,7 +131,7 @@ class Measure:
         dimensions = units_of(info).dimensions
         is_list = isinstance(value, list | tuple)
         if is_list and len(value) != dimensions:
-            raise fault(f"{shown(list(value))} has {len(value)} entries; expected {dimensions}, one a dimension")
+            raise fault(f"{shown(list(value))} has {len(value)} entries; expected {dimensions}, one per dimension")
         if value == 0 and not isinstance(value, bool):  # zero, the default, needs no unit
             return (0.0,) * dimensions
         read = [self._float(entry, info) or 0.0 for entry in (value if is_list else [value])]
@@ -149,7 +151,7 @@ def whole(value: Any) -> Any:
 def _particles(value: Any) -> Any:
     read = whole(value)
     if not 1 <= read <= MOST_PARTICLES:
-        wrong = "is absurd" if read > 1 else "are no particles"
+        wrong = "is too large" if read > 1 else "is too small"
         raise fault(f"{shown(value)} {wrong}; expected a number of particles from 1 to 1e10")
     return read
 
@@ -173,7 +175,7 @@ def _orbits(value: Any) -> Any:
             raise ValueError
         return number(float(words[0]))
     except ValueError:
-        raise fault(f'{shown(value)} is no number of orbits; expected one, like 2 or "2 orbits"') from None
+        raise fault(f'{shown(value)} is not a number of orbits; expected one like 2 or "2 orbits"') from None
 
 
 def sides(value: Any, info: ValidationInfo) -> Any:
@@ -182,7 +184,7 @@ def sides(value: Any, info: ValidationInfo) -> Any:
     if not isinstance(value, list | tuple):
         return [value] * dimensions
     if len(value) != dimensions:
-        raise fault(f"{shown(list(value))} has {len(value)} entries; expected {dimensions}, one a dimension")
+        raise fault(f"{shown(list(value))} has {len(value)} entries; expected {dimensions}, one per dimension")
     return value
 
 
@@ -222,7 +224,7 @@ class InputFile:
         Raises a `fault` if the file cannot be read or has more than `most` bytes.
         """
         if not isinstance(value, str) or not value:
-            raise fault(f'{shown(value)} is no path; expected one in quotes, like "profile.txt"')
+            raise fault(f'{shown(value)} is not a file name; expected one in quotes, like "profile.txt"')
         try:
             path = (info.context or {}).get("folder", Path()) / Path(value).expanduser()
             with open_plain(path) as file:
@@ -234,7 +236,10 @@ class InputFile:
         except (ValueError, RuntimeError) as error:  # an invalid file name, or a user without a home directory
             where, reason = "", str(error)
         begins = f"{shown(value)}: {where}: " if where else f"{shown(value)}: "
-        raise fault(f"{begins}{reason[:1].lower()}{reason[1:]}; expected a file, relative to the scene's")
+        raise fault(
+            f"{begins}{reason[:1].lower()}{reason[1:]}; expected a readable file; its path is relative to the "
+            "scene file"
+        )
 
 
 class Table(BaseModel):

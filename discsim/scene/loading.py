@@ -215,8 +215,8 @@ def load_scene(
     try:
         text.encode()
     except UnicodeEncodeError as error:  # from a command line or dict in another encoding
-        wrong = f'"{printable(text[max(error.start - 20, 0) : error.end])}" is no text of Unicode'
-        raise SceneError([f"{path or 'scene'}: {wrong}; expected one in UTF-8"]) from None
+        wrong = f'"{printable(text[max(error.start - 20, 0) : error.end])}" is not valid Unicode'
+        raise SceneError([f"{path or 'scene'}: {wrong}; expected UTF-8 text"]) from None
     scene = Scene(**found, text=text, path=path)
     start = None if scene.initial is None else STARTS[scene.initial.kind]
     if start is not None and start.faults is not None:
@@ -242,7 +242,7 @@ def _validated(data: dict[str, Any], own_particles: bool, folder: Path) -> tuple
     ]
     title = data.get("title", "")
     if not isinstance(title, str):
-        faults.append((("title",), f"{shown(title)} is not a text; expected one in quotes"))
+        faults.append((("title",), f"{shown(title)} is not a text; expected a title in quotes"))
     # A mistyped table name is one fault: the intended table is not reported as missing as well.
     meant = {nearest(name, _table_names()) or "": None for name in unknown}
     required = [name for name in REQUIRED if not own_particles or name != "initial"]
@@ -286,7 +286,7 @@ def _units(data: dict[str, Any]) -> tuple[Units, list[Problem]]:
         except UnitError as error:
             faults.append((("units", name), str(error)))
         if table.system == "code":
-            faults.append((("units", name), 'means nothing in a scene with system = "code"; expected none'))
+            faults.append((("units", name), 'not used with system = "code"; expected this key left out'))
     if faults:
         return Units(table.system, dimensions), faults
     return Units(table.system, dimensions, table.length, table.mass), faults
@@ -368,7 +368,7 @@ def _table(name: str, filled: Any, raw: Any, units: Units, folder: Path = Path()
     if not isinstance(raw, dict) and not (isinstance(raw, list) and _several(name)):
         return None, [((name,), f"{shown(raw)} is not a table; expected [{name}] with its keys")]
     if raw == []:
-        return None, [((name,), f"an empty list; expected [{name}] or [[{name}]]")]
+        return None, [((name,), f"the list is empty; expected [{name}] or [[{name}]]")]
     try:
         return _adapter(name).validate_python(filled, context={"units": units, "folder": folder}), []
     except ValidationError as error:

@@ -199,7 +199,7 @@ def _near_elsewhere(path: KeyPath) -> str:
     places = list(_places_of(key))
     for place, model in places:
         if place == path:
-            return f'; it goes with kind = "{_tag(model)}"'
+            return f'; it is a key of kind = "{_tag(model)}"'
     return f'; did you mean "{name_of(places[0][0])}"?' if places else ""
 
 

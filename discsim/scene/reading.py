@@ -19,12 +19,12 @@ def read(path: Path) -> str:
     try:
         content = read_plain(path, LARGEST_SCENE)
     except FileNotFoundError:
-        raise SceneError([f"{path}: there is no such file; expected a scene, a TOML file"]) from None
+        raise SceneError([f"{path}: file not found; expected a scene file (TOML)"]) from None
     except IsADirectoryError:
-        raise SceneError([f"{path}: is a directory; expected a scene, a TOML file"]) from None
+        raise SceneError([f"{path}: is a directory; expected a scene file (TOML)"]) from None
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
-        raise SceneError([f"{path}: cannot be read: {reason}; expected a scene, a TOML file"]) from None
+        raise SceneError([f"{path}: cannot be read: {reason}; expected a scene file (TOML)"]) from None
     try:
         return content.decode("utf-8").removeprefix("\ufeff").replace("\r\n", "\n")
     except UnicodeDecodeError as error:
@@ -49,7 +49,7 @@ def parsed(path: Path, text: str) -> dict[str, Any]:
         raise SceneError([f"{path}:1: not valid TOML: {reason}"]) from None
     if not data:
         wanted = ", ".join(f"[{name}]" for name in REQUIRED)
-        raise SceneError([f"{path}:1: the scene is empty; expected tables {wanted} and [gas] or [dust]"])
+        raise SceneError([f"{path}:1: the scene is empty; expected the tables {wanted} and [gas] or [dust]"])
     return data
 
 

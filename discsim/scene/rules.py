@@ -122,16 +122,16 @@ def _rules_of_parts(draft: Draft) -> Iterator[Rule]:
 def _someone_is_there(draft: Draft) -> Iterator[Problem]:
     """Yield a fault if the scene has neither gas nor dust."""
     if not draft.has("gas") and not draft.has("dust"):
-        yield (), "neither [gas] nor [dust] is there; expected one of them at least"
+        yield (), "there is neither [gas] nor [dust]; expected at least one of these tables"
 
 
 def _output_times(draft: Draft) -> Iterator[Problem]:
     """Yield a fault if both intervals and number of snapshots are given, or for too many snapshots."""
     if draft.run and draft.run.every is not None and draft.gives("run", "snapshots"):
-        yield ("run", "every"), "run.snapshots is there too; expected one of the two"
+        yield ("run", "every"), "run.snapshots is also given; expected only one of the two"
     elif draft.run and draft.run.every is not None and draft.run.until > MOST_SNAPSHOTS * draft.run.every:
         number = draft.run.until / draft.run.every
-        yield ("run", "every"), f"makes {number:.3g} snapshots until run.until; expected {MOST_SNAPSHOTS:g} at most"
+        yield ("run", "every"), f"gives {number:.3g} snapshots until run.until; expected at most {MOST_SNAPSHOTS:g}"
 
 
 def _periodic_cells(draft: Draft) -> Iterator[Problem]:
@@ -142,7 +142,7 @@ def _periodic_cells(draft: Draft) -> Iterator[Problem]:
     cells = [side / max(space.size) * space.cells for side in space.size]
     if any(abs(number - round(number)) > 1e-9 * number or round(number) < 1 for number in cells):
         text = " x ".join(f"{number:g}" for number in cells)
-        yield ("space", "cells"), f"a periodic space of {text} square cells; expected whole numbers of cells"
+        yield ("space", "cells"), f"the sides of the periodic space are {text} square cells; expected whole numbers"
 
 
 def _cells_of_a_rectangle(draft: Draft) -> Iterator[Problem]:
@@ -151,7 +151,8 @@ def _cells_of_a_rectangle(draft: Draft) -> Iterator[Problem]:
     if space and space.boundary == "periodic" and not space.cells and min(space.size) < max(space.size):
         yield (
             ("space", "cells"),
-            "missing; a periodic space with unequal sides needs whole square cells along both",
+            "missing, but a periodic space with unequal sides needs it; expected a whole number of square cells "
+            "per side",
         )
 
 
@@ -159,13 +160,19 @@ def _boundary_of_the_start(draft: Draft) -> Iterator[Problem]:
     wanted = draft.start.boundary if draft.start else None
     if draft.space and wanted not in (None, draft.space.boundary):
         found = draft.space.boundary
-        yield ("space", "boundary"), f'"{found}" does not go with a {draft.kind}; expected "{wanted}"'
+        yield (
+            ("space", "boundary"),
+            f'"{found}" is not possible with initial.kind = "{draft.kind}"; expected "{wanted}"',
+        )
 
 
 def _dimensions_of_the_start(draft: Draft) -> Iterator[Problem]:
     if draft.start and draft.dimensions not in draft.start.dimensions:
         wanted = " or ".join(map(str, draft.start.dimensions))
-        yield ("space", "dimensions"), f"{draft.dimensions} does not go with a {draft.kind}; expected {wanted}"
+        yield (
+            ("space", "dimensions"),
+            f'{draft.dimensions} is not possible with initial.kind = "{draft.kind}"; expected {wanted}',
+        )
 
 
 def _gas_of_the_start(draft: Draft) -> Iterator[Problem]:
@@ -174,10 +181,13 @@ def _gas_of_the_start(draft: Draft) -> Iterator[Problem]:
     if allowed is None:
         return
     if not draft.has("gas"):
-        yield ("initial", "kind"), f"a {draft.kind} needs a table [gas]"
+        yield ("initial", "kind"), f'"{draft.kind}" needs gas; expected a table [gas] too'
     elif draft.gas and draft.eos_kind not in allowed:
         words = " or ".join(f'"{kind}"' for kind in allowed)
-        yield ("gas", "eos", "kind"), f'"{draft.eos_kind}" does not go with a {draft.kind}; expected {words}'
+        yield (
+            ("gas", "eos", "kind"),
+            f'"{draft.eos_kind}" is not possible with initial.kind = "{draft.kind}"; expected {words}',
+        )
 
 
 def _room_for_the_start(draft: Draft) -> Iterator[Problem]:
@@ -190,7 +200,7 @@ def _room_for_the_start(draft: Draft) -> Iterator[Problem]:
     if length > half * (1 + 1e-9):
         share = half / length
         of = f"{reach:g} initial.{key}" if reach > 1 else f"initial.{key}"
-        yield ("space", "size"), f"half a side is {share:.3g} of {of}, which it is to hold; expected 1 at least"
+        yield ("space", "size"), f"the space is too small: half a side is {share:.3g} times {of}; expected at least 1"
 
 
 def kinds(which: Callable[[Start], Any]) -> list[str]:
@@ -203,7 +213,7 @@ def _one_kick(draft: Draft) -> Iterator[Problem]:
     owners = [name for name in EFFECTS if draft.has(name) and EFFECTS[name].role.kicks]
     if len(owners) > 1:
         first, second = owners[:2]
-        yield (second,), f"gas and dust are kicked by [{first}] already; expected one of the two"
+        yield (second,), f"[{first}] already couples gas and dust; expected only one of the two tables"
 
 
 def longest_courant(draft: Draft) -> tuple[float, str]:
@@ -213,17 +223,17 @@ def longest_courant(draft: Draft) -> tuple[float, str]:
     """
     gas, found = draft.gas, (math.inf, "")
     if draft.has("star") and not draft.has("background"):  # in a given disc circular orbits are exact
-        found = (COURANT_ORBITS, "orbits about the star are thrown out")
+        found = (COURANT_ORBITS, "orbits about the star are unstable")
     if gas and not (draft.start and draft.start.uniform):
         braked = gas.viscosity is not None and gas.viscosity.acts_in_shear
         kernel, alpha = SMOOTHING[gas.kernel], gas.viscosity.alpha if braked else 0.0
         sound = 2.0 / kernel.fastest[draft.dimensions - 1] * (1.0 + DAMPED * min(1.0, alpha / DAMPING))
         if draft.has("alpha_viscosity"):
-            found = (COURANT_VISCOUS, "velocities of viscous gas grow")
+            found = (COURANT_VISCOUS, "viscous gas is unstable")
         elif sound < found[0]:
-            found = (sound, f'sound between particles of kernel "{gas.kernel}" grows')
+            found = (sound, f'sound waves are unstable with kernel "{gas.kernel}"')
         if draft.eos.holds_heat and gas.viscosity is not None and not braked and found[0] > COURANT_ADIABATIC:
-            found = (COURANT_ADIABATIC, "cold gas loses more heat than it has")
+            found = (COURANT_ADIABATIC, "cold gas gets a negative energy")
     return found
 
 
@@ -234,7 +244,10 @@ def _stable_steps(draft: Draft) -> Iterator[Problem]:
         return
     most, what = longest_courant(draft)
     if draft.run.courant > most:
-        yield ("run", "courant"), f"{draft.run.courant:g} makes steps in which {what}; expected at most {_floor(most)}"
+        yield (
+            ("run", "courant"),
+            f"{draft.run.courant:g} gives time steps so long that {what}; expected at most {_floor(most)}",
+        )
 
 
 def _floor(value: float) -> str:

@@ -35,45 +35,47 @@ IntegratorName: Any = word_of(INTEGRATORS)
 
 
 class UnitsTable(Table):
-    system: Literal["physical", "code"] = Field("physical", description='"code": the scene is dimensionless, G = 1')
+    system: Literal["physical", "code"] = Field(
+        "physical", description='physical units, or "code": dimensionless numbers with G = 1'
+    )
     length: str = Field("1 au", description="code unit of length")
-    mass: str = Field("1 Msun", description="code unit of mass; G = 1 fixes the time")
+    mass: str = Field("1 Msun", description="code unit of mass; the unit of time follows from G = 1")
 
 
 class Run(Table):
     until: Time = Field(gt=0, description="end time; the last step lands on it exactly")
     snapshots: Count = Field(
-        10, ge=1, le=MOST_SNAPSHOTS, description="snapshots after the initial state, evenly in time"
+        10, ge=1, le=MOST_SNAPSHOTS, description="number of snapshots after the initial one, evenly spaced in time"
     )
-    every: Time | None = Field(None, gt=0, description="their interval, instead of their number")
-    seed: Count = Field(1, ge=0, description="of one random stream a species")
-    courant: Annotated[Number, Default(f"{COURANT}; about a star {COURANT_OF_DISCS}")] = Field(
-        gt=0, le=MOST_COURANT, description="share of each effect's limit on the step"
+    every: Time | None = Field(None, gt=0, description="time between snapshots, instead of their number")
+    seed: Count = Field(1, ge=0, description="seed of the random numbers")
+    courant: Annotated[Number, Default(f"{COURANT}; with a star {COURANT_OF_DISCS}")] = Field(
+        gt=0, le=MOST_COURANT, description="Courant factor: time step over the limit of each effect"
     )
-    timestep: Time | None = Field(None, gt=0, description="fixed step")
+    timestep: Time | None = Field(None, gt=0, description="fixed time step, instead of a variable one")
     integrator: IntegratorName = Field(
-        "kdk", description='kick-drift-kick, or "euler": forward Euler, positions with the old velocity'
+        "kdk", description='time integrator: kick-drift-kick leapfrog, or "euler": forward Euler'
     )
     threads: Annotated[Count | None, Default("all cores")] = Field(
-        None, ge=1, description="results do not depend on it"
+        None, ge=1, description="number of threads; results do not depend on it"
     )
     checkpoint_every: Annotated[Seconds, Default('"10 min"'), Words("wall-clock time")] = Field(
-        600.0, description="between checkpoints"
+        600.0, description="wall-clock time between checkpoints"
     )
     walltime: Annotated[Seconds | None, Words("wall-clock time")] = Field(
-        None, description='end after it, with a checkpoint; like "2 h"'
+        None, description='wall-clock limit, like "2 h"; the run then writes a checkpoint and stops'
     )
 
 
 class Space(Table):
-    dimensions: Annotated[Literal[1, 2], BeforeValidator(whole)] = Field(2, description="dimensions of space")
+    dimensions: Annotated[Literal[1, 2], BeforeValidator(whole)] = Field(2, description="number of dimensions")
     size: Annotated[tuple[Annotated[float, Field(gt=0), Measure("length")], ...], BeforeValidator(sides)] = Field(
-        description="side, or [x, y]"
+        description="side length of space, or [x, y]"
     )
     cells: Annotated[Count | None, Default("from the particles")] = Field(
-        None, ge=1, le=65536, description="grid cells along the longest side; cells are square"
+        None, ge=1, le=65536, description="number of square grid cells along the longest side"
     )
-    boundary: Literal["open", "periodic"] = Field("open", description="of gas, dust and gravity")
+    boundary: Literal["open", "periodic"] = Field("open", description="boundary condition of gas, dust and gravity")
 
 
 class Tables(Mapping[str, Any]):

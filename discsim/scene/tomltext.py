@@ -57,7 +57,7 @@ def _index(data: list[Any], name: str, path: Sequence[str]) -> int:
     """Return the list index that `name` is. Raises KeyError with a message for any other name."""
     if not name.isdecimal() or int(name) >= len(data):
         where = ".".join(path)
-        raise KeyError(f'"{where}" is a list; expected a number from 0 to {len(data) - 1} after it, as in {where}.0')
+        raise KeyError(f'"{where}" is a list; expected an index from 0 to {len(data) - 1} after it, as in {where}.0')
     return int(name)
 
 

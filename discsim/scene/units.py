@@ -96,7 +96,7 @@ def parse_quantity(text: str, expected: str = 'a number and a unit, like "10 au"
     if not name:
         raise UnitError(f'"{text}" has no unit; expected {expected}')
     if len(name) > ECHOED:
-        raise UnitError(f'"{text}": unknown unit; expected one that astropy knows')
+        raise UnitError(f'"{text}": unknown unit; expected an astropy unit')
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # astropy warns about several slashes, as in "g / cm / s"
@@ -105,7 +105,7 @@ def parse_quantity(text: str, expected: str = 'a number and a unit, like "10 au"
     except (ValueError, TypeError, AttributeError, ArithmeticError) as error:
         near = get_close_matches(name, _COMMON_UNITS, n=1, cutoff=0.5)
         hint = f'; did you mean "{near[0]}"?' if near else ""
-        raise UnitError(f'"{text}": unknown unit "{name}"; expected one that astropy knows{hint}') from error
+        raise UnitError(f'"{text}": unknown unit "{name}"; expected an astropy unit{hint}') from error
     if not math.isfinite(number):
         raise UnitError(f'"{text}" is not a finite number')
     return u.Quantity(number, unit)
@@ -225,7 +225,7 @@ class Units:
         quantity = parse_quantity(text, self.expected(name, gamma))
         value = quantity.value * self._factor_to(quantity, clipped(text), name, gamma)
         if not math.isfinite(value):
-            raise UnitError(f'"{clipped(text)}" is not a finite number in code units')
+            raise UnitError(f'"{clipped(text)}" is too large or too small in code units; expected a finite number')
         return value
 
     def of_text(self, text: str, name: str) -> float:
@@ -240,7 +240,7 @@ class Units:
         except ValueError:
             value = math.nan
         if not math.isfinite(value):
-            raise UnitError(f'"{clipped(text)}" is no finite number, as {name}s in code units are')
+            raise UnitError(f'"{clipped(text)}" is not a finite number; expected {a(name)} in code units')
         return value
 
     def _factor_to(self, quantity: Any, text: str, name: str, gamma: float = 1.0) -> float:
@@ -316,7 +316,7 @@ class Units:
         try:
             unit = quantity.unit.decompose(bases=[u.g, u.cm, u.s])
         except u.UnitsError as error:
-            raise UnitError(f'"{quantity}" is not made of mass, length and time') from error
+            raise UnitError(f'"{quantity}" has a unit that does not reduce to mass, length and time') from error
         powers = {base.name: float(power) for base, power in zip(unit.bases, unit.powers, strict=True)}
         exponents = (powers.get("g", 0.0), powers.get("cm", 0.0), powers.get("s", 0.0))
         if self.system == "code" and any(exponents):
@@ -334,7 +334,7 @@ class Units:
         try:
             return float(quantity.unit.decompose(bases=[u.g, u.cm, u.s]).scale / self._factor(exponents))
         except ArithmeticError:  # overflow, for example of cm100 for a steep polytrope
-            wrong = f"{quantity.unit} is beyond the range of numbers in code units"
+            wrong = f"{quantity.unit} overflows in code units"
             raise UnitError(f"{wrong}; expected smaller powers, or other code units") from None
 
     @staticmethod

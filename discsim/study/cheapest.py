@@ -65,7 +65,7 @@ def wanted(
     for text in reference:
         key, equals, value = text.partition("=")
         if not (key.strip() and equals and value.strip()):
-            raise StudyError(f"--reference {text}: not a key with its value; expected one like run.courant=0.2")
+            raise StudyError(f"--reference {text}: not a key with a value; expected one like run.courant=0.2")
     goal, time_there_is = _goal_in(error), _budget_in(budget)
     return Wanted(goal, time_there_is, measure, tuple(reference), tuple(varied), tuple(keep), repeat, parallel)
 
@@ -80,7 +80,7 @@ def _goal_in(text: str) -> float | None:
     except ValueError:
         goal = math.nan
     if not 0.0 < goal < math.inf:
-        raise StudyError(f'--error {text}: not an error; expected one above 0, like 1% or 0.01, or "{SCENE}"')
+        raise StudyError(f'--error {text}: not an error; expected a number above 0, like 1% or 0.01, or "{SCENE}"')
     return goal
 
 
@@ -90,7 +90,7 @@ def _budget_in(text: str) -> float:
     except UnitError:
         budget = math.nan
     if not budget > 0.0:
-        raise StudyError(f'--budget {text}: no wall-clock time to spend; expected one above 0, like "1 h"')
+        raise StudyError(f'--budget {text}: not a positive wall-clock time; expected one like "1 h"')
     return budget
 
 
@@ -251,7 +251,10 @@ class Cheapest:
         say = _Teller(console, log)
         self._bench = Workshop(self.runs, self.knobs, self.measure, self.wanted, say)
         say(f"discsim {__version__}")
-        say(f"{title}: the least CPU time for an error of {self._goal_words()}, into {printable(self.directory)}")
+        say(
+            f"{title}: search for the least CPU time with an error of {self._goal_words()}, into "
+            f"{printable(self.directory)}"
+        )
         say("knobs: " + ", ".join(knob.name for knob in self.knobs.all))
         try:
             self._search(say)
@@ -285,28 +288,33 @@ class Cheapest:
         if self.wanted.error is None:
             self.bench.run([scene], self.wanted.repeat)
             if self.scene is None:
-                raise StudyError(f"the scene as it stands has no error: it was {self.bench.trials[scene].stopped}")
+                raise StudyError(
+                    f"the error of the scene cannot be measured: it was {self.bench.trials[scene].stopped}"
+                )
             self.goal = self.scene.error
         if self.goal < self.floor:
-            say(f"{percent(self.goal)} is below what seeds scatter by: the search is for {percent(self.floor)}")
+            say(f"{percent(self.goal)} is below the scatter between seeds: the search is for {percent(self.floor)}")
             self.goal = self.floor
         search = Search(self.knobs.all, self.bench, self.goal, self.knobs.start(), say, self.wanted.repeat)
         self.found = search.run()
         if not search.done():
-            raise StudyError(f"no run came to its end; the scene as it stands was {self.bench.trials[scene].stopped}")
+            raise StudyError(f"no run completed; the scene was {self.bench.trials[scene].stopped}")
         if self.found is None:
-            self.ended = "no setting that was tried reaches it"
+            self.ended = "no tested setting reaches it"
 
     def _compare(self, say: Say) -> None:
         """Run the reference with OWN_SEEDS seeds: runs are compared with the mean; the mean difference is the floor."""
-        say(f"no exact solution is taken: the finer run has {in_words(self.finer)}")
+        say(f"no exact solution is used; the reference run has {in_words(self.finer)}")
         runs = self.bench.found([self.bench.seeded(self.finer, seed) for seed in range(OWN_SEEDS)])
         for run in runs:
             if "stopped" in run:
-                raise StudyError(f"the finer run ({label_of(self.finer)}) was {run['stopped']}; expected --reference")
+                raise StudyError(
+                    f"the reference run ({label_of(self.finer)}) was {run['stopped']}; expected other settings in "
+                    "--reference"
+                )
         self.bench.reference = mean_of(runs)
         self.floor = fmean(self.measure.error(one, other) for one, other in combinations(runs, 2))
-        say(f"floor: two seeds of it are {percent(self.floor)} apart; nothing is called better than that")
+        say(f"floor: two seeds of it differ by {percent(self.floor)}; smaller errors are not resolved")
 
     def settings_of(self, trial: Trial) -> Settings:
         return self.knobs.settings(trial.place) or {}
@@ -367,7 +375,7 @@ class _Teller:
 def in_words(settings: Settings) -> str:
     """Return settings as text with four digits; the unchanged scene has a text of its own."""
     short = {key: f"{float(text):.4g}" if _FRACTION.fullmatch(text) else text for key, text in settings.items()}
-    own = [] if settings.keys() - {"run.seed"} else ["the scene as it stands"]
+    own = [] if settings.keys() - {"run.seed"} else ["the scene"]
     return ", ".join([*own, *([label_of(short)] if short else [])])
 
 
@@ -384,5 +392,7 @@ def _measure(known: dict[str, Measure], name: str | None) -> Measure:
         return next(iter(known.values()))
     if name not in known:
         words = ", ".join(known)
-        raise StudyError(f"--measure {name}: not one of this scene's; expected one of {words}{near(name, list(known))}")
+        raise StudyError(
+            f"--measure {name}: not available for this scene; expected one of {words}{near(name, list(known))}"
+        )
     return known[name]

@@ -112,12 +112,12 @@ class Study:
 
         log = self.directory / "cost.log"
         say(f"discsim {__version__}")
-        say(f"{title}: {len(self.points)} combinations, {self.repeat} of each, into {printable(self.directory)}")
+        say(f"{title}: {len(self.points)} combinations, {self.repeat} runs of each, into {printable(self.directory)}")
         self.run(say, parallel)
         self.write()
         if not any(point.done for point in self.points):
             stopped = self.points[0].runs[0]["stopped"]
-            raise StudyError(f"no run came to its end; that with {label_of(self.points[0].settings)} was {stopped}")
+            raise StudyError(f"no run completed; the run with {label_of(self.points[0].settings)} was {stopped}")
         from discsim.study.costfigure import cost_figure  # imported here, as it is slow
 
         with replace_atomically(self.directory / "cost.png", ".png") as temporary:

@@ -32,7 +32,7 @@ def cost_figure(study: Study, path: Path) -> None:
                 axes.annotate(text, (point.cpu, point.error or 0.0), (4, 4), textcoords="offset points", fontsize=7)
     front = study.front()
     if front:
-        label = "no other is cheaper and no worse"
+        label = "Pareto-optimal"
         best = [point.cpu for point in front], [point.error for point in front]
         axes.plot(*best, "o:", color="black", lw=0.8, ms=13, mfc="none", label=label)
         known = [point.cpu for point in study.points if point.error]
@@ -47,7 +47,7 @@ def cost_figure(study: Study, path: Path) -> None:
     if study.exact:
         axes.set_title(study.exact, fontsize=9)
     elif study.reference is not None:
-        axes.set_title(f"against {figure_text(label_of(study.reference.settings))}", fontsize=9)
+        axes.set_title(f"compared with {figure_text(label_of(study.reference.settings))}", fontsize=9)
     axes.grid(alpha=0.3, which="both", lw=0.4)
     axes.legend(frameon=False, fontsize=8)
     figure.savefig(path, dpi=150, metadata={"Software": f"discsim {__version__}"})

@@ -52,7 +52,9 @@ def show(study: Study, console: Console) -> None:
     if study.exact:
         console.print(f"error: {study.exact}")
     elif study.reference is not None:
-        console.print(f"error: mass elsewhere than in the run with {label_of(study.reference.settings)} (no exact one)")
+        console.print(
+            f"error: mass displaced relative to the run with {label_of(study.reference.settings)} (no exact solution)"
+        )
     front = {id(point) for point in study.front()}
     keys = [key for each in study.varied for key in each.keys]
     runs = Table("", *leaves(keys), "error", "CPU s", "steps", "updates", "momentum", "energy", box=SIMPLE)
@@ -69,18 +71,18 @@ def show(study: Study, console: Console) -> None:
             f"{first['updates']:.2g}", *("" if drift is None else f"{drift:.0e}" for drift in (momentum, energy)),
         )  # fmt: skip
     console.print(runs)
-    console.print("* no other is both cheaper and no worse")
+    console.print("* Pareto-optimal: no other setting is both cheaper and at least as accurate")
     for goal in GOALS:
         good = [point for point in study.points if point.error and point.error <= goal]
         if good:
             cheapest = min(good, key=lambda point: point.cpu)
             console.print(f"{goal:.3g}: {label_of(cheapest.settings)}, {cheapest.cpu:.3g} s of CPU")
         else:
-            console.print(f"{goal:.3g}: reached by none")
+            console.print(f"{goal:.3g}: reached by no setting")
     if study.axis is None:
         return
     console.print(
-        f"\nerror ~ {', '.join(leaves(study.axis.keys))}^p; CPU seconds, and particle updates, to an error of"
+        f"\nerror ~ {', '.join(leaves(study.axis.keys))}^p; CPU seconds, and particle updates, for an error of"
     )
     orders = Table("line", "p", "half the error", box=SIMPLE)
     for goal in GOALS:
@@ -89,7 +91,7 @@ def show(study: Study, console: Console) -> None:
     for name, points in study.lines().items():
         orders.add_row(name, *_order_row(study.axis, points))
     console.print(orders)
-    console.print("~ fitted beyond the runs made")
+    console.print("~ extrapolated from the fit")
 
 
 def _order_row(axis: Varied, points: Sequence[Point]) -> Iterator[str]:

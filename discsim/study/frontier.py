@@ -44,12 +44,12 @@ def show(study: Cheapest, console: Console) -> None:
             console.print(line)
     if study.found is not None:
         if study.ended:
-            console.print(f"not at its end, {study.ended}; the same command goes on")
+            console.print(f"not complete, {study.ended}; repeat the command to continue")
         console.print(f"cheapest for {percent(study.goal)}: {study.words(study.found)}: {_figures(study, study.found)}")
     else:
         console.print(f"an error of {percent(study.goal)} was not reached: {study.ended}; {_nearest(study, chosen)}")
     if scene is not None:
-        console.print(f"the scene as it stands: {_figures(study, scene)}{_own(study, scene)}")
+        console.print(f"the scene: {_figures(study, scene)}{_own(study, scene)}")
     times = f", {bench.cpu / scene.cpu:.3g} times the scene's" if scene else ""
     wall = clock(time.monotonic() - study.begun)
     console.print(f"search: {bench.count} runs, {bench.cpu:.3g} s of CPU{times}; this call took {wall}")
@@ -64,8 +64,8 @@ def _figures(study: Cheapest, trial: Trial) -> str:
 
 def _nearest(study: Cheapest, chosen: Trial | None) -> str:
     if chosen is None:
-        return "no run came to its end"
-    return f"nearest is {study.words(chosen)}: {_figures(study, chosen)}"
+        return "no run completed"
+    return f"closest is {study.words(chosen)}: {_figures(study, chosen)}"
 
 
 def _own(study: Cheapest, scene: Trial) -> str:
@@ -74,12 +74,12 @@ def _own(study: Cheapest, scene: Trial) -> str:
     tried = (trial for trial in study.bench.trials.values() if trial.runs and trial.error <= most)
     least = min(tried, key=lambda trial: trial.cpu)
     if least is scene:
-        return "; nothing that was tried is as good for less"
-    return f"; as good for {least.cpu / scene.cpu:.2g} of that: {study.words(least)}"
+        return "; no tested setting is as accurate and cheaper"
+    return f"; the same accuracy for {least.cpu / scene.cpu:.2g} of that: {study.words(least)}"
 
 
 def _frontier(study: Cheapest, front: list[Trial]) -> Table:
-    table = Table("", "error", "CPU s", "of scene's", "seeds", "settings, where they are not the scene's", box=SIMPLE)
+    table = Table("", "error", "CPU s", "of scene's", "seeds", "settings that differ from the scene", box=SIMPLE)
     few = np.unique(np.linspace(0, len(front) - 1, min(len(front), ROWS)).astype(int))
     shown = {trial.place: trial for trial in (*(front[i] for i in few), study.found, study.scene) if trial}
     for trial in sorted(shown.values(), key=lambda t: t.cpu):
@@ -87,14 +87,17 @@ def _frontier(study: Cheapest, front: list[Trial]) -> Table:
         times = f"{trial.cpu / study.scene.cpu:.2g}" if study.scene else ""
         row = percent(trial.error), f"{trial.cpu:.3g}", times, str(len(trial.runs)), study.words(trial)
         table.add_row(mark, *row)
-    table.caption = "* none that was tried is both cheaper and no worse; -> the cheapest for the error; = the scene"
+    table.caption = (
+        "* Pareto-optimal: no tested setting is both cheaper and at least as accurate; -> cheapest "
+        "for the error; = the scene"
+    )
     table.caption_justify = "left"
     return table
 
 
 def _knobs(study: Cheapest, chosen: Trial) -> Table:
     """Return the table of numeric knobs: values, effect of one finer rung near the result, and power laws."""
-    table = Table("knob", "scene", "found", "a rung finer buys", "error ~", "CPU time ~", box=SIMPLE)
+    table = Table("knob", "scene", "found", "one step finer", "error ~", "CPU time ~", box=SIMPLE)
     trials = [trial for trial in study.bench.trials.values() if trial.runs]
     scene = tuple(0 for _ in study.knobs.all)
     for k, knob in enumerate(study.knobs.all):
@@ -106,7 +109,7 @@ def _knobs(study: Cheapest, chosen: Trial) -> Table:
         finer = [(a, b) for a in trials if (b := _with(study, a, k, a.place[k] + RUNG))]
         table.add_row(f"{knob.name} x {knob.ratio:.2g}", *values, _nearest_pair(finer, chosen, k), *laws)
     table.caption = (
-        "what a knob buys: error and CPU time over those without, near what was found; x: its value, all runs"
+        "effect of each setting near the result: error and CPU time relative to runs without it; x: its value, all runs"
     )
     table.caption_justify = "left"
     return table
@@ -182,24 +185,22 @@ def frontier_figure(study: Cheapest, path: Path) -> None:
     axes = figure.add_subplot()
     trials = [trial for trial in study.bench.trials.values() if trial.runs]
     front, scene, found = study.front(), study.scene, study.found
-    axes.plot(
-        [t.cpu for t in trials], [t.error for t in trials], "o", color="0.75", ms=4, label="settings that were tried"
-    )
+    axes.plot([t.cpu for t in trials], [t.error for t in trials], "o", color="0.75", ms=4, label="tested settings")
     line = [t.cpu for t in front], [t.error for t in front]
     axes.step(*line, where="post", color="C0", lw=1.2)
-    axes.plot(*line, "o", color="C0", ms=5, label="none tried is both cheaper and no worse")
+    axes.plot(*line, "o", color="C0", ms=5, label="Pareto-optimal")
     for trial, style, size, name in (
-        (scene, "s", 11, "the scene as it stands"),
-        (found, "*", 17, "the cheapest for the error"),
+        (scene, "s", 11, "the scene"),
+        (found, "*", 17, "cheapest for the error"),
     ):
         if trial is not None:
             colour = "C3" if style == "s" else "C1"
             axes.errorbar(trial.cpu, trial.error, trial.scatter or None, color=colour, capsize=3)
             axes.plot(trial.cpu, trial.error, style, color=colour, ms=size, mec="black", mew=0.8, label=name, zorder=5)
     if study.goal > 0.0:
-        axes.axhline(study.goal, color="C1", ls="--", lw=0.9, label=f"error wanted, {percent(study.goal)}")
+        axes.axhline(study.goal, color="C1", ls="--", lw=0.9, label=f"target error, {percent(study.goal)}")
     if study.floor > 0.0:
-        label = f"two seeds of the finer run, {percent(study.floor)}"
+        label = f"difference of two seeds of the reference run, {percent(study.floor)}"
         axes.axhspan(0.0, study.floor, color="0.9", zorder=0, label=label)
     errors = [t.error for t in trials if t.error > 0.0] + [study.goal or 1.0]
     axes.set(xscale="log", yscale="log", ylim=(0.5 * min(errors), 2.0 * max(errors)))

@@ -135,11 +135,12 @@ class Knobs:
         for key in keep:
             if key not in known:
                 raise StudyError(
-                    f"--keep {key}: no knob of this scene; expected some of {', '.join(known)}{near(key, known)}"
+                    f"--keep {key}: not a setting that the search varies; expected some of "
+                    f"{', '.join(known)}{near(key, known)}"
                 )
         self.all = [*given, *(knob for knob in found if not taken & {knob.name, *knob.keys[:1]})]
         if not self.all:
-            raise StudyError("no knob is left to turn; expected fewer --keep")
+            raise StudyError("no setting is left to vary; expected fewer --keep")
         self._settings: dict[Place, Settings | None] = {}
 
     def start(self) -> Place:
@@ -189,7 +190,7 @@ class Knobs:
         found = [(value, self.load(varied.settings(value))) for value in varied.values]
         words = [value for value, scene in found if any(differences(self.base.scene, scene))]
         if not words:
-            raise StudyError(f"--vary {varied.name}: only what the scene has already; expected other values")
+            raise StudyError(f"--vary {varied.name}: only the value of the scene; expected other values")
         return Knob(varied.name, varied.keys, write, words=("", *words), lowest=0, highest=len(words))
 
     def _words(self) -> Iterator[Knob]:

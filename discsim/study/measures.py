@@ -24,9 +24,9 @@ CLUMPED = 10.0  # least surface density of a clump over the median of its ring
 FEW = 8  # least number of particles in a pixel of a clump
 PIXELS = 96  # pixels per side of the map on which clumps are found
 WORDS = {
-    "profile": "mass of the {kind} elsewhere than in the finer run",
-    "modes": "largest difference of the {kind}'s amplitudes m = 1..4, over the axisymmetric part",
-    "clumps": "difference of the {kind}'s share of mass in clumps",
+    "profile": "fraction of the {kind} mass displaced relative to the reference run",
+    "modes": "largest difference in the {kind} mode amplitudes m = 1..4, relative to the axisymmetric part",
+    "clumps": "difference in the {kind} mass fraction in clumps",
 }
 
 

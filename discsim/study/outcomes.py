@@ -110,7 +110,7 @@ def found_in(directory: Path, scene: Scene, wanted: Sequence[Outcome]) -> Found:
     """Return the results of a run of the scene from its directory. Raises OSError, UserError."""
     rows = read_history(directory / "history.csv", scene)
     if not rows:
-        raise StudyError(f"{directory / 'history.csv'}: no rows; expected those of a run")
+        raise StudyError(f"{directory / 'history.csv'}: the file has no rows; expected the history.csv of a run")
     values = {name: float(value) for name, value in rows[-1].items() if name not in WORDS}
     values["cpu"] = sum(row.seconds for row in read_costs(directory / "costs.csv"))
     if any("-" in each.name for each in wanted):

@@ -36,12 +36,15 @@ class Varied:
         keys, values = _split(names), _split(written)
         if not equals or not all(keys) or not all(values) or not values:
             wanted = "expected table.key=a,b,c, like drag.scheme=mk,tsc"
-            raise StudyError(f"--vary {text}: not a key with its values; {wanted}")
+            raise StudyError(f"--vary {text}: not a key with values; {wanted}")
         for value in values:
             if values.count(value) > 1:
-                raise StudyError(f"--vary {text}: {value} is there twice; expected different values")
+                raise StudyError(f"--vary {text}: {value} occurs twice; expected different values")
             if value.count(":") not in (0, len(keys) - 1):
-                raise StudyError(f"--vary {text}: {value} has not one value for each key; expected {len(keys)} or one")
+                raise StudyError(
+                    f"--vary {text}: {value} has a wrong number of values; expected {len(keys)}, one per key, or "
+                    "one for all"
+                )
         return cls(tuple(keys), tuple(values))
 
     @property
@@ -113,7 +116,7 @@ def combinations(varied: Sequence[Varied]) -> list[Point]:
     names = [key for each in varied for key in each.keys]
     for name in names:
         if names.count(name) > 1:
-            raise StudyError(f"--vary {name}: named twice; expected every key once")
+            raise StudyError(f"--vary {name}: occurs twice; expected each key once")
     return [
         Point({key: part for settings in together for key, part in settings.items()})
         for together in itertools.product(*([each.settings(value) for value in each.values] for each in varied))

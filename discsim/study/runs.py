@@ -77,7 +77,9 @@ class Runs:
             whole = json.dumps(head) + "\n"
         lines = whole.removesuffix("\n").split("\n")
         if _entry(path, 1, lines[0]) != head:
-            raise StudyError(f"{self.directory}: holds a study of another scene, or of other keys; expected another -o")
+            raise StudyError(
+                f"{self.directory}: contains a study of another scene, or of other keys; expected another -o"
+            )
         found = [_entry(path, number, line, "settings") for number, line in enumerate(lines[1:], 2)]
         if whole != text:
             with replace_atomically(path) as temporary:
@@ -115,7 +117,7 @@ def _entry(path: Path, number: int, line: str, table: str | None = None) -> dict
     except (ValueError, RecursionError):
         entry = None
     if not isinstance(entry, dict) or (table is not None and not isinstance(entry.get(table), dict)):
-        raise StudyError(f"{path}:{number}: no run of a study; expected another -o, or that line to be removed")
+        raise StudyError(f"{path}:{number}: not a run of a study; expected another -o, or remove this line")
     return entry
 
 
@@ -135,9 +137,9 @@ def one_run(
     except DeadlineError:
         raise
     except PhysicsError as fault:
-        stopped = f"stopped by the physics: {fault}"
+        stopped = f"stopped by a numerical failure: {fault}"
     except SceneError as fault:
-        stopped = f"refused by its start: {fault}"
+        stopped = f"refused at the start: {fault}"
     except Exception as fault:  # a study continues after any failure of a run
         stopped = in_words(fault)
     return {"stopped": stopped, "cpu": time.process_time() - begun[-1]}
@@ -164,11 +166,11 @@ def _measured(
             raise DeadlineError(time.process_time() - begun[-1])
         if say is not None and time.monotonic() > due[0]:
             due[0] = time.monotonic() + LINE_EVERY
-            say(f"    step {sim.state.step}, {sim.time / scene.run.until:.0%} of the time")
+            say(f"    step {sim.state.step}, {sim.time / scene.run.until:.0%} of run.until")
         return time.process_time() - begun[-1] > limits.cpu
 
     if not sim.evolve(scene.run.until, count, only_looks=True):
-        words = f"given up after {limits.cpu:.3g} s of CPU at {sim.time / scene.run.until:.0%}"
+        words = f"stopped after {limits.cpu:.3g} s of CPU at {sim.time / scene.run.until:.0%}"
         return {"stopped": words, "cpu": limits.cpu, "most": limits.cpu}
     sim.run(scene.run.until)  # makes the closing half kick
     cpu = time.process_time() - begun[-1]

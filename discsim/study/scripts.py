@@ -18,7 +18,7 @@ def some_of(known: Collection[str], what: str, separator: str = ",") -> Callable
         given = text.split(separator)
         for name in given:
             if name not in known:
-                raise ArgumentTypeError(f"no {what} {name!r}; expected some of {f'{separator} '.join(known)}")
+                raise ArgumentTypeError(f"unknown {what} {name!r}; expected some of {f'{separator} '.join(known)}")
         return given
 
     return names

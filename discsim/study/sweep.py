@@ -33,7 +33,7 @@ from discsim.version import __version__
 
 DONE, REFUSED, PHYSICS, FAILED, INTERRUPTED = 0, 2, 3, 70, 128  # exit statuses of a run; interrupted: 128 + the signal
 GIVEN_UP = {
-    REFUSED: "could not start", PHYSICS: "stopped by the physics", FAILED: "ended by an error of discsim",
+    REFUSED: "could not start", PHYSICS: "stopped by a numerical failure", FAILED: "ended by an error of discsim",
 }  # fmt: skip
 REACHED = 1e-9  # relative tolerance of the end time
 
@@ -63,7 +63,10 @@ class Sweep:
         self.folders = [directory / folder_name(point) for point in self.points]
         for folder in self.folders:
             if self.folders.count(folder) > 1:
-                raise StudyError(f"{folder}: of two combinations; expected values that differ in letters or numbers")
+                raise StudyError(
+                    f"{folder}: two combinations have the same directory name; expected values that differ in "
+                    "letters or digits"
+                )
 
     @property
     def keys(self) -> list[str]:

@@ -39,11 +39,11 @@ def results(submitted: Iterable[Future[Result]], say: Callable[[str], None] | No
     try:
         for job in jobs:
             while say is not None and not wait([job], LINE_EVERY).done:
-                say(f"    {sum(each.done() for each in jobs)} of {len(jobs)} runs are done, others go on")
+                say(f"    {sum(each.done() for each in jobs)} of {len(jobs)} runs are complete, others continue")
             yield job.result()
     except BrokenProcessPool:
-        why = "a process was killed in the midst of a run, perhaps for want of memory"
-        raise StudyError(f"{why}; expected fewer --parallel: the same command goes on with the runs there") from None
+        why = "a process was killed during a run, perhaps because memory was full"
+        raise StudyError(f"{why}; expected a smaller --parallel; repeat the command to continue") from None
 
 
 def in_words(fault: Exception) -> str:

@@ -135,7 +135,7 @@ def test_a_fifo_in_place_of_a_table_is_not_waited_for(tmp_path, name, read):
     run = run_of(tmp_path / "run", [])
     (run / "companions.csv").unlink()
     os.mkfifo(run / "companions.csv")
-    with pytest.raises(OSError, match="is a FIFO, no plain file"):
+    with pytest.raises(OSError, match="is a FIFO, not a plain file"):
         getattr(script(name), read)(run, 0.7)
 
 

@@ -81,7 +81,7 @@ def test_two_runs_side_by_side(tmp_path, capsys):
 def test_runs_that_cannot_be_compared(tmp_path, capsys):
     module, run = script("oneway_twoway"), run_of(tmp_path / "a", [even(400, 1.0, 2.0)] * 2)
     assert module.main([str(run), str(tmp_path / "nothing"), "-o", str(tmp_path / "out")]) == 2
-    assert "no snapshots here" in capsys.readouterr().err
+    assert "no snapshots found" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 

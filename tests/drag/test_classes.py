@@ -340,12 +340,18 @@ def test_each_grain_drifts_by_its_own_size_in_a_given_disc():
     "changes, words",
     [
         ({"dust.grain_size.bins": 0}, "dust.grain_size.bins: 0 is out of range; expected at least 1"),
-        ({"dust.grain_size.largest": 1e-9}, "dust.grain_size.largest: not above dust.grain_size.smallest"),
+        ({"dust.grain_size.largest": 1e-9}, "dust.grain_size.largest: largest is not larger than smallest"),
         ({"dust.grain_size.biggest": 1.0}, "dust.grain_size.biggest: unknown key"),
-        ({"drag.scheme": "mk"}, '"mk" takes one size a population; expected "idic" or "idic-linear" or "tsc"'),
-        ({"drag.law": "stokes-number", "drag.stokes": 1.0}, 'drag.law "stokes-number" knows no sizes'),
+        (
+            {"drag.scheme": "mk"},
+            '"mk" allows only one size per population; expected drag.scheme "idic" or "idic-linear" or "tsc"',
+        ),
+        ({"drag.law": "stokes-number", "drag.stokes": 1.0}, 'drag.law "stokes-number" does not depend on grain size'),
         ({"drag.class_width": 0.9}, "drag.class_width: 0.9 is out of range; expected more than 1"),
-        ({"dust.grain_size": 1e-3, "drag.class_width": 1.2}, "drag.class_width: no grains have sizes of their own"),
+        (
+            {"dust.grain_size": 1e-3, "drag.class_width": 1.2},
+            "drag.class_width: class_width needs grains of different sizes",
+        ),
     ],
 )
 def test_what_does_not_go_is_told(changes, words):

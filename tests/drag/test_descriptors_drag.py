@@ -199,20 +199,20 @@ def test_warnings_of_another_scheme(other):
 def test_rules_of_another_package(found):
     assert sorted(line.rpartition("scene: ")[2] for line in found["rules"]) == sorted(
         [
-            'drag.K: goes with law "constant", but drag.law is "lazy"; expected one of the two',
-            'drag.cell: scheme "everyone" has no such drag cells; expected no such key',
+            'drag.K: used only by law "constant", but drag.law is "lazy"; expected another law, or this key left out',
+            'drag.cell: scheme "everyone" has no drag cells; expected this key left out',
             "drag.t_stop: too lazy; expected 5 at most",
             "gas.eos.zero: pulls; expected 0 at least",
             "star: everyone is no crowd to orbit; expected no star",
-            "star: a star needs two dimensions, but space.dimensions is 1",
+            "star: a star is possible only in two dimensions; expected space.dimensions = 2",
         ]
     )
-    assert 'the gas is "linear", which keeps no heat; expected false' in found["heat"][0]
+    assert 'gas with eos.kind "linear" has no energy equation; expected false' in found["heat"][0]
 
 
 def test_the_reference_of_another_package(other):
     text = output(other, "-m", "discsim", "effects")
-    assert '  scheme = "everyone": momentum is not conserved\n    all dust relaxes exactly' in text
+    assert '  scheme = "everyone": does not conserve momentum\n    all dust relaxes exactly' in text
     assert 'gas.eos.kind = "linear": P = constant (rho - rho_0).' in text
     assert '"lazy"' in text
 

@@ -168,12 +168,12 @@ def test_nothing_of_the_gas_is_made():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"gas": {"particles": 9, "eos": {"kind": "isothermal", "sound_speed": 1.0}}}, "[gas] is there too"),
+        ({"gas": {"particles": 9, "eos": {"kind": "isothermal", "sound_speed": 1.0}}}, "[gas] is also given"),
         ({"drag": {"law": "stokes-number", "stokes": 0.1}}, 'expected direction = "one-way"'),
         ({"drag": {"law": "stokes-number", "stokes": 0.1, "direction": "one-way", "scheme": "tsc"}}, "no drag cells"),
         ({"star": None}, "expected a table [star] too"),
         ({"drag": None}, "expected a table [drag] too"),
-        ({"space": {"size": 4.0, "boundary": "periodic"}}, "a [background] is a disc"),
+        ({"space": {"size": 4.0, "boundary": "periodic"}}, "[background] is a 2D disc"),
         ({"run": {"until": 1.0, "integrator": "euler"}}, '"kdk"'),
     ],
 )

@@ -67,7 +67,7 @@ def test_dust_gathers_on_the_maximum_of_the_pressure():
     [
         ({"bump": {"radius": 2.0, "width": 0.0, "height": 1.0}}, "background.bump.width: 0"),
         ({"gap": {"radius": 2.0, "width": 0.1, "depth": 1.0}}, "expected less than 1"),
-        ({"surface_density": None}, "the gas has no density"),
+        ({"surface_density": None}, "no surface density is given"),
     ],
 )
 def test_bad_keys_end_in_one_message(keys, wrong):
@@ -83,4 +83,4 @@ def test_a_given_disc_has_no_particles_to_be_resolved_by(tmp_path):
     given = scene(background={"file": str(path)})
     given["background"] = {k: v for k, v in given["background"].items() if not k.startswith("surface_density")}
     (message,) = problems(given)
-    assert "background.file: has a column resolution, but a given disc has no particles; expected none" in message
+    assert "background.file: the file has a column resolution, but [background] has no particles" in message

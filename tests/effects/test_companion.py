@@ -508,7 +508,7 @@ def test_fixed_orbits_of_several_have_no_barycentre_at_rest():
     star = {"frame": "inertial", "centre": "barycentre", "softening": 0.05}
     for second in ("fixed", "live"):
         bodies = [fixed[0], fixed[1] | {"orbit": second}]
-        with pytest.raises(SceneError, match=r'star\.centre: the barycentre of 2 bound companions.*orbit = "live" in'):
+        with pytest.raises(SceneError, match=r'star\.centre: with 2 bound companions.*orbit = "live" in'):
             load_scene(disc(bodies, star, dust=50))
     live = [body | {"orbit": "live"} for body in fixed]
     b = Simulation(disc(live, star, dust=50)).bodies

@@ -224,10 +224,10 @@ BARYCENTRE = {"mass": 1.0, "frame": "inertial", "centre": "barycentre"}
         ({"star": None, "self_gravity": {"softening": 0.1}}, "expected a table [star] too"),
         ({"companion": PLANET | {"eccentricity": 1.0}}, "companion.eccentricity: 1 is a parabola"),
         ({"companion": PLANET | {"eccentricity": 2.0, "phase": 130.0}}, "expected between -120 and 120"),
-        ({"companion": PLANET | {"softening": 0.6}}, "companion.softening: a number counts scale heights"),
-        ({"companion": PLANET | {"softening": "wide"}}, '"wide" is no length'),
+        ({"companion": PLANET | {"softening": 0.6}}, "companion.softening: a number means scale heights H"),
+        ({"companion": PLANET | {"softening": "wide"}}, '"wide" is not a length'),
         ({"companion": PLANET | {"softening": -0.1}}, "expected at least 0"),
-        ({"companion": PLANET | {"softening": "0"}}, "expected more, or an accretion_radius"),
+        ({"companion": PLANET | {"softening": "0"}}, "expected more than 0, or an accretion_radius"),
         ({"companion": PLANET | {"feels": ["dust"]}}, 'expected orbit = "live"'),
         ({"companion": PLANET | {"orbit": "live", "feels": ["gas"]}}, "there is no table [gas]"),
         ({"companion": PLANET | {"orbit": "live", "feels": ["gsa"]}}, '"gsa" is unknown'),
@@ -239,7 +239,7 @@ BARYCENTRE = {"mass": 1.0, "frame": "inertial", "centre": "barycentre"}
         ({"star": {"mass": 1.0, "grows": True}}, "expected star.accretion_radius too"),
         ({"star": {"mass": 1.0, "centre": "barycentre"}}, 'expected star.frame = "inertial" too'),
         ({"companion": None, "star": {"mass": 1.0, "frame": "inertial", "centre": "barycentre"}}, "[[companion]]"),
-        ({"star": BARYCENTRE | {"indirect": ["dust"]}}, 'expected "companions" among them'),
+        ({"star": BARYCENTRE | {"indirect": ["dust"]}}, 'expected "companions" in the list'),
         ({"star": BARYCENTRE, "companion": PLANET | {"eccentricity": 1.5, "ramp": 1.0}}, "companion.ramp: an unbound"),
     ],
 )  # fmt: skip
@@ -262,7 +262,7 @@ def test_one_way_dust_may_not_pull():
 def test_two_bodies_at_one_place_are_told():
     twins = [PLANET | {"orbit": "live"}, PLANET | {"orbit": "live"}]
     sim = Simulation(tables(twins), particles={"dust": GRAIN})
-    with pytest.raises(Exception, match="do two bodies meet"):
+    with pytest.raises(Exception, match="possibly two bodies collide"):
         sim.run(0.1)
 
 
@@ -294,7 +294,7 @@ def test_check_has_its_lengths_and_its_gap():
     assert rows["Hill radius"] == f"{hill:.4g} ({hill / 0.05:.3g} H, {hill / h:.3g} h)"
     assert rows["softening"] == f"0.03 (0.6 H, {0.03 / h:.3g} h)"
     depth = 1e-6 / 0.05**5 / 0.01
-    assert rows["gap"] == f"K = {depth:.3g}, so Sigma falls to {1 / (1 + 0.04 * depth):.2g}"
+    assert rows["gap"] == f"K = {depth:.3g}: Sigma in the gap falls to a fraction of {1 / (1 + 0.04 * depth):.2g}"
     inviscid = of_companion(load_scene({k: v for k, v in planet_disc().items() if k != "alpha_viscosity"}))
     assert set(inviscid) == set(rows) - {"gap"}
 

@@ -190,8 +190,8 @@ def test_own_particles_relax_to_their_mean():
 @pytest.mark.parametrize(
     ("keys", "wrong"),
     [
-        ({}, "no zone is there"),
-        ({"inner": [2.0, 1.0]}, "not two rising radii"),
+        ({}, "no damping zone is given"),
+        ({"inner": [2.0, 1.0]}, "the two radii are not increasing"),
         ({"outer": [2.0, 3.0], "time": 0}, "is not positive"),
         ({"outr": [2.0, 3.0]}, "unknown key"),
     ],

@@ -366,13 +366,16 @@ def test_the_viscosity_and_its_dead_zone_are_the_default():
 @pytest.mark.parametrize(
     ("change", "wrong"),
     [
-        ({"dust_diffusion": {"alpha": 0.01, "D": 1e-3}}, "alpha is there too"),
-        ({"dust_diffusion": {}}, "nothing says how strong it is; expected alpha, D, or a table [alpha_viscosity]"),
+        ({"dust_diffusion": {"alpha": 0.01, "D": 1e-3}}, "alpha is also given"),
+        (
+            {"dust_diffusion": {}},
+            "no strength of the turbulence is given; expected alpha, D, or a table [alpha_viscosity]",
+        ),
         ({"dust_diffusion": {"alpha": 0}}, "expected more than 0"),
         ({"dust_diffusion": {"D": -1}}, "expected more than 0"),
         ({"dust_diffusion": {"aplha": 0.1}}, 'did you mean "alpha"'),
-        ({"drag": None}, "gas stirs no dust without drag"),
-        ({"dust": None, "drag": None}, "there is no dust to stir"),
+        ({"drag": None}, "turbulent gas does not act on dust without drag"),
+        ({"dust": None, "drag": None}, "dust diffusion needs dust"),
     ],
 )
 def test_bad_keys_end_in_one_message(change, wrong):
@@ -386,10 +389,13 @@ def test_bad_keys_end_in_one_message(change, wrong):
     [
         (
             {"dust_diffusion": {"alpha": 0.1, "D": None}, "drag": {"law": "stopping-time", "t_stop": 1.0}},
-            "needs orbits",
+            "needs an orbital frequency",
         ),
-        ({"dust_diffusion": {"alpha": 0.1, "D": None}, "gas": None}, "no turbulent gas is there"),
-        ({"drag": {"law": "constant", "K": 1.0, "scheme": "emsi-ppm"}, "dust": {"particles": 100}}, "is in cells"),
+        ({"dust_diffusion": {"alpha": 0.1, "D": None}, "gas": None}, "alpha c_s H needs gas"),
+        (
+            {"drag": {"law": "constant", "K": 1.0, "scheme": "emsi-ppm"}, "dust": {"particles": 100}},
+            "has no dust diffusion",
+        ),
     ],
 )
 def test_boxes_that_cannot_be(tables, wrong):

@@ -177,7 +177,7 @@ def test_a_second_owner_of_the_kick_is_refused(spring):
     package = spring.parent / "site" / "springs.py"
     package.write_text(PART.replace("keys = Keys", "keys, role = Keys, base.Role(kicks=True)"))
     extra = ["dust={particles=40, ratio=1}", 'drag={law="stopping-time", t_stop=1}']
-    with pytest.raises(SceneError, match=r"spring: gas and dust are kicked by \[drag\] already"):
+    with pytest.raises(SceneError, match=r"spring: already couples gas and dust"):
         load_scene(spring, extra)
 
 

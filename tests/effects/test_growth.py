@@ -370,25 +370,31 @@ def test_own_particles_bring_what_they_like():
     sim.step()
     assert sim.gas.small.sum() > 0.0 and sim.dust.size.max() > 0.9e-5
     own["gas"]["small"] = own["gas"]["mass"]
-    with pytest.raises(SceneError, match=r"small\[0\] is .* all of mass"):
+    with pytest.raises(SceneError, match=r"small\[0\] is .* not below mass"):
         Simulation(scene, particles=own)
-    with pytest.raises(SceneError, match="small is given, but no dust grows"):
+    with pytest.raises(SceneError, match=r"small is given, but there is no \[growth\]"):
         Simulation(changed(scene, growth=None), particles=own)
 
 
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        ({"growth": {"alpha": None}}, "growth: nothing says how turbulent the gas is"),
+        ({"growth": {"alpha": None}}, "growth: no strength of the turbulence is given"),
         ({"growth": {"fragmentation_speed": -1.0}}, "growth.fragmentation_speed: "),
-        ({"growth": {"small_size": None}}, "growth.small_size: missing; in code units"),
-        ({"growth": {"smallest": 2e-9}}, "growth.smallest: not below growth.small_size"),
-        ({"growth": {"small_ratio": 0.4}}, "growth.small_ratio: above dust.ratio = 0.3"),
-        ({"dust": {"grain_size": 1e-10}}, "dust.grain_size: below growth.small_size"),
-        ({"dust": {"grain_size": {"smallest": 1e-6, "largest": 1e-3}}}, "dust.grain_size: sizes come from growth"),
-        ({"drag": {"scheme": "lab14"}}, 'growth: drag.scheme "lab14" takes one size a population'),
-        ({"drag": {"law": "stokes-number", "stokes": 0.1}}, 'growth: drag.law "stokes-number" knows no sizes'),
-        ({"drag": None}, "growth: grains meet in gas that drags them; expected a table [drag]"),
+        ({"growth": {"small_size": None}}, "growth.small_size: missing; the default 1 um"),
+        ({"growth": {"smallest": 2e-9}}, "growth.smallest: smallest is not smaller than small_size"),
+        ({"growth": {"small_ratio": 0.4}}, "growth.small_ratio: larger than dust.ratio = 0.3"),
+        ({"dust": {"grain_size": 1e-10}}, "dust.grain_size: smaller than growth.small_size"),
+        (
+            {"dust": {"grain_size": {"smallest": 1e-6, "largest": 1e-3}}},
+            "dust.grain_size: a size distribution is not allowed with growth",
+        ),
+        ({"drag": {"scheme": "lab14"}}, 'growth: growth needs a scheme with a size per particle, and "lab14"'),
+        (
+            {"drag": {"law": "stokes-number", "stokes": 0.1}},
+            'growth needs a drag law that depends on grain size, and "stokes-number"',
+        ),
+        ({"drag": None}, "growth: collision velocities need drag; expected a table [drag]"),
     ],
 )
 def test_what_does_not_go_together_is_said(change, says):
@@ -399,10 +405,10 @@ def test_what_does_not_go_together_is_said(change, says):
 def test_two_populations_and_a_given_disc_are_refused():
     scene = disc()
     scene["dust"] = [scene["dust"], scene["dust"]]
-    assert any("2 populations of dust; expected one" in problem for problem in problems(scene))
+    assert any("2 populations of dust, but growth allows one; expected one" in problem for problem in problems(scene))
     given = {"surface_density": 1e-3, "eos": {"kind": "locally-isothermal", "aspect_ratio": 0.1}}
     found = problems(changed(disc(direction="one-way"), gas=None, background=given))
-    assert any("which a [background] has not" in problem for problem in found), found
+    assert any("but [background] has none" in problem for problem in found), found
 
 
 def test_check_says_where_growth_ends():
@@ -410,10 +416,10 @@ def test_check_says_where_growth_ends():
     scene = load_scene(disc())
     assert not list(Effect.report(scene, local(scene)).warnings)
     (warning,) = Effect.report(load_scene(disc(size=1.0)), local(scene)).warnings
-    assert warning.startswith("grains break from ")
+    assert warning.startswith("grains fragment above ")
     rows = dict(Effect.report(scene, local(scene)).rows)
-    breaks = [float(text.split()[0]) for text in rows["size where grains break"].split(", ")]
+    breaks = [float(text.split()[0]) for text in rows["grain size at fragmentation limit"].split(", ")]
     r = 1.15
     assert breaks[1] == pytest.approx(2e-3 / r * 4e-4 / (3 * np.pi * 1e-3 * 0.01 / np.sqrt(r)), rel=0.01)
-    drift = [float(text.split()[0]) for text in rows["size where grains drift as they grow"].split(", ")]
+    drift = [float(text.split()[0]) for text in rows["grain size at drift limit"].split(", ")]
     assert drift[1] == pytest.approx(2 * 0.3e-3 / r / (np.pi * 1.5) / (0.01 * np.sqrt(r)), rel=0.01)

@@ -121,8 +121,8 @@ def test_a_run_goes_on_from_the_checkpoint_before_a_damaged_one(run, tmp_path, c
     assert run_scene(scene, out, resume=True) == 0
     said = capsys.readouterr().out
     assert_same_files(straight, out)
-    told = [line for line in said.splitlines() if f"; goes on from {out}/checkpoint_before.h5, of t = " in line]
-    assert len(told) == 1 or "finished already" in said  # a bit that nobody needs
+    told = [line for line in said.splitlines() if f"; the run resumes from {out}/checkpoint_before.h5, at t = " in line]
+    assert len(told) == 1 or "already finished" in said  # a bit that nobody needs
 
 
 def test_two_damaged_checkpoints_are_one_message(run, tmp_path, capsys):
@@ -135,5 +135,5 @@ def test_two_damaged_checkpoints_are_one_message(run, tmp_path, capsys):
     capsys.readouterr()
     assert run_scene(scene, out, resume=True, quiet=True) == 2
     said = capsys.readouterr()
-    assert said.out == "" and len(said.err.splitlines()) == 1 and said.err.count("a damaged one") == 2
+    assert said.out == "" and len(said.err.splitlines()) == 1 and said.err.count("or a damaged") == 2
     assert sorted(path.name for path in out.iterdir()) == before

@@ -26,7 +26,9 @@ def go_on(scene, out, capsys):
     saved = any(out.glob("checkpoint*.h5"))
     assert run_scene(scene, out, resume=True) == 0
     said = capsys.readouterr()
-    assert said.err == "" and ("nothing was saved there yet; the run begins anew" in said.out) != saved
+    assert (
+        said.err == "" and ("no checkpoint was written yet; the run restarts from the beginning" in said.out) != saved
+    )
     return "resumed" if saved else "began anew"
 
 

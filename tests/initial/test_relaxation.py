@@ -142,22 +142,22 @@ def test_it_is_told_and_foreseen(tmp_path, monkeypatch):
     assert "CPU time before t = 0" not in report(load_scene(disc(0)))
     assert run_scene(scene, tmp_path / "out", quiet=True) == 0
     log = (tmp_path / "out" / "run.log").read_text()
-    assert log.count("the gas settled for 2 orbits before t = 0") == 1
+    assert log.count("gas relaxed for 2 orbits before t = 0") == 1
     longer = load_scene(disc("2 orbits", until=0.04))
     assert run_scene(longer, tmp_path / "out", resume=True, quiet=True) == 0
-    assert (tmp_path / "out" / "run.log").read_text().count("the gas settled") == 1
+    assert (tmp_path / "out" / "run.log").read_text().count("gas relaxed") == 1
 
 
 @pytest.mark.parametrize(
     ("scene", "wrong"),
     [
-        (disc("3 au"), '"3 au" is no number of orbits; expected one, like 2 or "2 orbits"'),
-        (disc("many orbits"), "is no number of orbits"),
+        (disc("3 au"), '"3 au" is not a number of orbits; expected one like 2 or "2 orbits"'),
+        (disc("many orbits"), "is not a number of orbits"),
         (disc(-1), "expected at least 0"),
-        (disc("nan orbits"), "is no number of orbits"),
+        (disc("nan orbits"), "is not a number of orbits"),
         (disc(True), "is not a number"),
         (disc(1e4), "expected at most 1000"),
-        (disc(1, start={"perturbation": 0.1}), "rings that settle would even out; expected one of the two"),
+        (disc(1, start={"perturbation": 0.1}), "relaxation would remove it; expected only one of the two"),
         (disc(1, start={"relex": 1}), "relax"),
     ],
 )
@@ -168,6 +168,6 @@ def test_bad_keys_end_in_one_message(scene, wrong):
 
 def test_without_gas_or_a_star_there_is_nothing_to_settle():
     bare = {name: table for name, table in disc(1, **DUSTY).items() if name not in ("gas", "drag")}
-    assert any("there is no gas to settle" in message for message in problems(bare))
+    assert any("relaxation needs gas" in message for message in problems(bare))
     lone = {name: table for name, table in disc(1, self_gravity={}).items() if name != "star"}
-    assert any("it counts orbits about a star" in message for message in problems(lone))
+    assert any("relaxation is measured in orbits about a star" in message for message in problems(lone))

@@ -114,8 +114,8 @@ def test_its_rules_hold(stream):
     told = "\n".join(found.value.problems)
     for words in (
         "initial.speed: too fast; expected 10 at most",
-        '"open" does not go with a stream; expected "periodic"',
-        '"polytropic" does not go with a stream; expected "isothermal"',
+        '"open" is not possible with initial.kind = "stream"; expected "periodic"',
+        '"polytropic" is not possible with initial.kind = "stream"; expected "isothermal"',
     ):
         assert words in told
 

@@ -69,7 +69,7 @@ def test_without_a_tool_one_is_told(tmp_path, rng, monkeypatch, tool):
 @pytest.mark.parametrize("tool", ["yt", "pynbody", "sarracen"])
 def test_one_dimension_is_refused(tmp_path, rng, tool):
     snap = written(tmp_path, WAVE, gas_of(rng, 30, 1), None)
-    with pytest.raises(ValueError, match=rf"to_{tool}\(\) is for snapshots of two dimensions.*expected to_pandas\(\)"):
+    with pytest.raises(ValueError, match=rf"to_{tool}\(\) needs a snapshot in two dimensions.*expected to_pandas\(\)"):
         getattr(snap, f"to_{tool}")()
 
 
@@ -77,7 +77,7 @@ def test_one_dimension_is_refused(tmp_path, rng, tool):
 def test_a_species_that_is_not_there_is_refused(tmp_path, rng, monkeypatch, tool):
     monkeypatch.setitem(sys.modules, tool, SimpleNamespace())
     snap = written(tmp_path, DISC, gas_of(rng, 400), None)
-    with pytest.raises(KeyError, match="the snapshot holds no 'dust'; expected 'gas'"):
+    with pytest.raises(KeyError, match="the snapshot has no 'dust'; expected 'gas'"):
         getattr(snap, f"to_{tool}")("dust")
 
 

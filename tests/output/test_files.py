@@ -43,7 +43,7 @@ def test_a_disk_that_holds_something_else_is_noticed(tmp_path, monkeypatch):
 
     with monkeypatch.context() as patch:
         patch.setattr(os, "posix_fadvise", turn)
-        with pytest.raises(OSError, match="the disk does not hold what was written") as caught:
+        with pytest.raises(OSError, match="the file on disk differs from the data written") as caught:
             write_checkpoint(path, {"gas": {"pos": np.ones(5)}}, {"number": 1}, before)
     assert caught.value.filename == str(path)
     assert read_checkpoint(path)[1]["number"] == 0 and [*tmp_path.iterdir()] == [path]

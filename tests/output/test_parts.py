@@ -119,12 +119,12 @@ def test_a_part_that_is_gone_or_of_another_file_is_refused(both):
     part = path.parent / "parts" / "0003.2.h5"
     with h5py.File(part, "r+") as file:
         file.attrs["made"] = np.bytes_("xyz")
-    with pytest.raises(SnapshotError, match=r"part .*0003\.2\.h5: it is of another file"):
+    with pytest.raises(SnapshotError, match=r"part .*0003\.2\.h5: it belongs to another file"):
         read_snapshot(path)
     part.unlink()
-    with pytest.raises(SnapshotError, match=r"0003\.h5: its part .*/parts/0003\.2\.h5 is gone; expected"):
+    with pytest.raises(SnapshotError, match=r"0003\.h5: its part .*/parts/0003\.2\.h5 is missing; expected"):
         read_snapshot(path)
-    with pytest.raises(SnapshotError, match=r"0003\.0\.h5: an HDF5 file, but not a snapshot"):
+    with pytest.raises(SnapshotError, match=r"0003\.0\.h5: not a snapshot of discsim, but another HDF5 file"):
         read_snapshot(path.parent / "parts" / "0003.0.h5")
 
 
@@ -155,7 +155,7 @@ def test_where_rows_lie_is_known_to_the_bit(both):
         wrong = bytearray(content)
         wrong[place] ^= 1
         both[1].write_bytes(wrong)
-        with pytest.raises(SnapshotError, match="some of its bits"):
+        with pytest.raises(SnapshotError, match="its checksum is wrong"):
             read_snapshot(both[1])
 
 
@@ -226,7 +226,7 @@ def test_a_checkpoint_with_a_damaged_part_is_noticed_before_a_run_goes_on(tmp_pa
     content = part.read_bytes()
     place = content.index(np.arange(4.0, 8.0).tobytes())
     part.write_bytes(content[:place] + b"\x01" + content[place + 1 :])
-    with pytest.raises(CheckpointError, match=r"a\.h5: not a checkpoint, or a damaged one: part .*a\.1\.h5"):
+    with pytest.raises(CheckpointError, match=r"a\.h5: not a checkpoint, or a damaged checkpoint: part .*a\.1\.h5"):
         checked_checkpoint(tmp_path / "a.h5")
 
 

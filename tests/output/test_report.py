@@ -156,7 +156,7 @@ def test_what_changes_a_total_is_named():
     assert found["angular momentum"].change[1] == 0.0
     assert found["energy"].change[1] == pytest.approx(1.0 / 7.0)  # over 1 + 2 + 4
     assert found["momentum"].why == "changed by [star], [external]"
-    assert found["energy"].why == "changed by [external], the temperature that gas is held at"
+    assert found["energy"].why == "changed by [external], the prescribed gas temperature"
 
 
 def test_a_run_in_one_dimension_that_was_stopped(tmp_path, monkeypatch):
@@ -175,5 +175,5 @@ def test_a_run_in_one_dimension_that_was_stopped(tmp_path, monkeypatch):
 
 def test_no_run_there(tmp_path):
     done = report(tmp_path)
-    assert done.exit_code == 2 and "no run here; expected a directory with scene.toml" in done.stderr
+    assert done.exit_code == 2 and "no run found; expected a directory with scene.toml" in done.stderr
     assert list(tmp_path.iterdir()) == []

@@ -103,7 +103,7 @@ def test_check_has_the_headwind_of_both():
     scene = load_scene(tables)
     at, rows = local(scene), dict(derived(scene))
     unit = 0.5 * at.thermal_speed**2 / (at.radius * at.omega)
-    for name, slope in (("headwind eta v_K", 1.5), ("headwind of midplane pressure", 2.65)):
+    for name, slope in (("headwind eta v_K", 1.5), ("headwind from midplane pressure", 2.65)):
         found = [float(word) for word in rows[name].split(", ")]
         np.testing.assert_allclose(found, slope * unit, rtol=1e-3)  # digits of the text
 

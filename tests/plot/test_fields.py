@@ -87,7 +87,7 @@ def test_fields_of_places(snap):
     ratio = snap.field("dust_to_gas", pixels=60).value
     assert ratio.shape == (60, 60)
     np.testing.assert_allclose(ratio[np.isfinite(ratio)], 0.02, rtol=1e-9)
-    with pytest.raises(FieldError, match="of several species; expected one of gas"):
+    with pytest.raises(FieldError, match="exists for several species; expected one of gas"):
         snap.field("surface_density")
 
 
@@ -139,14 +139,14 @@ def test_why_a_run_lacks_a_field(snap):
             of_run(word, of)
         return str(error.value)
 
-    assert "the grains have no sizes" in lacks("dust.size", snap)
+    assert "the grains have one size" in lacks("dust.size", snap)
     assert "no [growth]" in lacks("small_dust.surface_density", snap)
     assert lacks("stokes", replace(snap, dust=None)) == "stokes: the run has no dust"
-    assert "one dimension" in lacks("v_r", replace(snap, dimensions=1))
+    assert "needs two dimensions" in lacks("v_r", replace(snap, dimensions=1))
     assert of_run("v_r", snap) == ["gas.v_r", "dust.v_r"]
     assert of_run("v_r", replace(snap, gas=None)) == ["dust.v_r"]
     code = replace(snap, units=replace(snap.units, system="code"), gas=replace(snap.gas, temperature=None))
-    assert "in code units, in which gas has no temperature" in lacks("temperature", code)
+    assert "in code units, where gas has no temperature" in lacks("temperature", code)
 
 
 @pytest.mark.parametrize("direction", ["two-way", "one-way"])

@@ -153,7 +153,7 @@ def test_particles_over_two_fields(run):
     share = axes.collections[0].get_array()
     assert share.compressed().sum() == pytest.approx(1.0, abs=0.01)  # but two thousandths at each end
     done = command("plot", run, "--field", "surface_density", "--against", "radius")
-    assert done.exit_code == 2 and "no field of the particles" in done.stderr
+    assert done.exit_code == 2 and "not a particle field" in done.stderr
 
 
 def test_one_dimension(tube):
@@ -206,7 +206,7 @@ def test_a_film_has_a_frame_for_each_snapshot(run, tmp_path):
     bar = [frame[int(0.25 * height) : int(0.85 * height), right] for frame in frames]
     assert np.array_equal(bar[0], bar[1]) and np.array_equal(bar[0], bar[2])
     done = command("movie", tmp_path, "-o", tmp_path / "b.gif")
-    assert done.exit_code == 2 and "no snapshots here" in done.stderr and not (tmp_path / "b.gif").exists()
+    assert done.exit_code == 2 and "no snapshots found" in done.stderr and not (tmp_path / "b.gif").exists()
 
 
 def test_the_command_writes_into_the_run(run, other, tmp_path):
@@ -224,20 +224,20 @@ def test_the_command_writes_into_the_run(run, other, tmp_path):
     [
         ([], "no run to draw; expected DIR or FILE"),
         (["RUN", "--field", "toomreq"], 'did you mean "gas.toomre_q"?'),
-        (["RUN", "--field", "dust.size"], "the grains have no sizes of their own"),
-        (["TUBE", "--field", "temperature"], "in code units, in which gas has no temperature"),
+        (["RUN", "--field", "dust.size"], "the grains have one size"),
+        (["TUBE", "--field", "temperature"], "in code units, where gas has no temperature"),
         (["TUBE", "--polar"], "one dimension has no map"),
-        (["RUN", "--polar", "--time"], "--polar and --time: expected one of them"),
+        (["RUN", "--polar", "--time"], "--polar and --time: expected only one of them"),
         (["RUN", "--window", "3"], '--window: "3" has no unit'),
         (["RUN", "--window", "3 au,1 au", "--profile"], "R1 < R2"),
-        (["TUBE", "--window", "nan"], '--window: "nan" is no finite number, as lengths in code units are'),
+        (["TUBE", "--window", "nan"], '--window: "nan" is not a finite number; expected a length in code units'),
         (
             ["TUBE", "--profile", "--window=-inf,1"],
-            '--window: "-inf" is no finite number, as lengths in code units are',
+            '--window: "-inf" is not a finite number; expected a length in code units',
         ),
         (["RUN", "--window", "nan au"], '--window: "nan au" is not a finite number'),
         (["RUN", "--window", "1e300 au"], '--window: "1e300 au" is out of range; expected 0, or sizes from 1e-60 to'),
-        (["TUBE", "--at", "nan"], '--at: "nan" is no finite number, as times in code units are'),
+        (["TUBE", "--at", "nan"], '--at: "nan" is not a finite number; expected a time in code units'),
         (["RUN", "--range", "1"], '--range: "1"; expected two numbers'),
         (["RUN", "--range", "2,1"], '--range: "2,1"; expected LOW below HIGH'),
         (["RUN", "--range", "0,inf"], '--range: "0,inf" is out of range; expected 0, or sizes from 1e-60 to'),
@@ -248,15 +248,15 @@ def test_the_command_writes_into_the_run(run, other, tmp_path):
             ["RUN", "--wavelength", "1.3"],
             '--wavelength: "1.3" has no unit; expected a value above 0 with a unit like mm',
         ),
-        (["RUN", "--time", "--at", "1 yr"], "expected one of the two"),
+        (["RUN", "--time", "--at", "1 yr"], "expected only one of the two"),
         (["RUN", "--distance", "140 yr"], "--distance: "),
-        (["RUN", "--profile", "--distance", "140 pc"], "--distance: goes with maps"),
-        (["RUN", "--opacity", "2 cm2/g"], "go with --field emission"),
+        (["RUN", "--profile", "--distance", "140 pc"], "--distance: used only for maps"),
+        (["RUN", "--opacity", "2 cm2/g"], "used only by emission"),
         (["RUN", "--compare", "TUBE"], "different dimensions or units"),
-        (["RUN", "--compare", "RUN", "--profile"], "goes with maps"),
-        (["RUN/snapshots/0000.h5", "--time"], "needs the snapshots of a run"),
-        (["RUN", "-o", "a.bmp"], "no format of figures"),
-        (["nothing"], "there is no such file"),
+        (["RUN", "--compare", "RUN", "--profile"], "used only for maps"),
+        (["RUN/snapshots/0000.h5", "--time"], "needs all snapshots of a run"),
+        (["RUN", "-o", "a.bmp"], "unknown figure format"),
+        (["nothing"], "file not found"),
     ],
 )
 def test_faults_are_one_message(run, tube, tmp_path, monkeypatch, arguments, words):
@@ -277,7 +277,7 @@ def test_films_without_their_library(run, tmp_path, monkeypatch):
     monkeypatch.setattr("discsim.plot.film.find_spec", lambda name: None)
     with pytest.raises(PlotError, match=r"mp4 needs imageio-ffmpeg.*pip install -e '[.]\[movie\]'"):
         discsim.plot.movie(run, tmp_path / "a.mp4")
-    with pytest.raises(PlotError, match="no format of films"):
+    with pytest.raises(PlotError, match="unknown film format"):
         discsim.plot.movie(run, tmp_path / "a.avi")
 
 

@@ -21,10 +21,10 @@ def number(scene, name):
 @pytest.mark.parametrize(
     "name, change, factor",
     [
-        ("pull of the pressure off by about", "gas.particles=10_000", 4.0),  # (h/H)^2, and h goes with 1 / sqrt(n)
-        ("alpha of viscosity and noise, about", "gas.particles=10_000", 2.0),  # h, most of it
-        ("energy changed by the step, about", "run.courant=0.3", 0.5**2.4),
-        ("self-gravity off by up to", "space.cells=256", 4.0),
+        ("error of the pressure force, about", "gas.particles=10_000", 4.0),  # (h/H)^2, and h goes with 1 / sqrt(n)
+        ("numerical alpha (viscosity, noise)", "gas.particles=10_000", 2.0),  # h, most of it
+        ("energy error of the step, about", "run.courant=0.3", 0.5**2.4),
+        ("error of self-gravity, up to", "space.cells=256", 4.0),
     ],
 )
 def test_estimates_follow_the_settings(name, change, factor):
@@ -37,19 +37,19 @@ def test_estimates_follow_the_settings(name, change, factor):
 def test_energy_that_steps_change_is_by_orbits(change):
     """3e-3 (C / .8)^2.4 in three orbits of the gas in the middle."""
     scene = load_scene(TWIN, [change])
-    orbits = sorted(map(float, dict(derived(scene))["orbits until the end"].split(", ")))[1]
+    orbits = sorted(map(float, dict(derived(scene))["number of orbits"].split(", ")))[1]
     wanted = 3e-3 * (scene.run.courant / 0.8) ** 2.4 * orbits / 3.0
-    assert number(scene, "energy changed by the step, about") == pytest.approx(wanted, rel=0.35)  # it has one digit
+    assert number(scene, "energy error of the step, about") == pytest.approx(wanted, rel=0.35)  # it has one digit
 
 
 def test_single_precision_is_told_where_it_is():
-    name = "forces of the gas off by about"
+    name = "error of gas forces, about"
     assert number(load_scene(TWIN, ["gas.precision=single"]), name) == 3e-7
     assert name not in dict(accuracy.accuracy(load_scene(TWIN)))
 
 
 def test_drag_is_told_of_the_usual_scheme_by_its_cells():
-    name = "drift past the gas off by about"
+    name = "error of the dust drift, about"
     narrow, wide = (number(load_scene(TWIN, [f"drag.cell={cell}"]), name) for cell in (0.7, 2))
     assert narrow < 0.02 < 0.2 < wide
     assert name not in dict(accuracy.accuracy(load_scene(TWIN, ["drag.scheme=mk"])))
@@ -57,7 +57,7 @@ def test_drag_is_told_of_the_usual_scheme_by_its_cells():
 
 def test_what_is_not_known_is_said():
     text = report(load_scene("setups/star_dust.toml"))
-    assert "accuracy, from what is known\n  nothing" in text and "discsim cost SCENE --error 1%" in text
+    assert "accuracy, estimated\n  nothing" in text and "discsim cost SCENE --error 1%" in text
     assert "exact solution" in report(load_scene("setups/dusty_wave.toml"))
 
 

@@ -81,7 +81,7 @@ def test_steps_of_whole_runs_are_foreseen(setup):
 def test_published_discs_pass_check(path):
     done = CliRunner().invoke(app, ["check", str(path)])
     assert done.exit_code == 0, done.stderr
-    assert load_scene(path).title in done.stdout and "their length is set by" in done.stdout
+    assert load_scene(path).title in done.stdout and "time step set by" in done.stdout
 
 
 def test_first_steps_of_a_published_disc_are_foreseen():
@@ -235,7 +235,7 @@ def test_a_close_binary_whose_orbit_sets_no_step_is_no_warning():
     pair = {"mass": 0.3, "semi_major_axis": 0.62, "softening": "0.01"}
     disc = changed(COLD, gas=hot, star={"frame": "inertial", "centre": "barycentre"}) | {"companion": [pair]}
     text = report(load_scene(disc))
-    assert re.search("their length is set by +gas", text) and "leave the companion out" not in text
+    assert re.search("time step set by +gas", text) and "leave the companion out" not in text
 
 
 def test_a_start_that_settles_is_part_of_the_forecast():
@@ -371,7 +371,7 @@ def test_check_tells_the_forecast(store):
     for number, words in enumerate(("the last long run on", "the last 2 long runs on")):
         run_here(load_scene("setups/dusty_disc.toml"), 1.0 + number)
         assert words in report(load_scene("setups/dusty_disc.toml"))
-    assert "seconds, as in one dimension" in report(load_scene("setups/dusty_wave.toml"))
+    assert "seconds (one dimension)" in report(load_scene("setups/dusty_wave.toml"))
 
 
 @pytest.mark.slow

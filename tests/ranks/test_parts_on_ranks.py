@@ -132,7 +132,7 @@ def test_a_rank_that_fails_ends_all(scene, one, tmp_path, what, rank, status):
     if what in told:
         assert said.count(told[what]) == 1 and said.count("Traceback") == (what == "raise")
     if what in ("full", "spoil"):
-        assert said.count("is of t = 0.25; go on from it with") == 1
+        assert said.count("is a checkpoint at t = 0.25; resume with") == 1
         assert len([line for line in said.splitlines() if not line.startswith("Abort(")]) <= 2
     assert not [*out.rglob(".*.part*")] or what == "kill"
     assert read_checkpoint(out / "checkpoint.h5")[1]["step"] == 3

@@ -33,7 +33,7 @@ def test_a_run_says_once_that_kernels_compile(tmp_path, monkeypatch, capsys):
     at_step(monkeypatch, 2, lambda sim: [njit(lambda x, k=k: x + k)(1) for k in range(3)])
     monkeypatch.setattr("discsim.output.figure.last_state_figure", lambda snapshot, figure: figure.touch())
     assert run_scene(scene_of(tmp_path, WAVE), tmp_path / "out") == 0
-    said = "compiling kernels that are not on disk yet: once, up to a minute for a scene with drag\n"
+    said = "compiling kernels for the first time: up to a minute for a scene with drag\n"
     assert capsys.readouterr().out.count(said) == 1
     assert (tmp_path / "out/run.log").read_text().count(said) == 1
 

@@ -49,7 +49,7 @@ def test_another_scene_is_refused(finished, tmp_path, overrides, without, keys, 
     said = capsys.readouterr()
     assert said.out == "" and len(said.err.splitlines()) == 1
     assert f"{finished}/checkpoint.h5: " in said.err
-    assert f"differs from the one there in {keys}; expected" in said.err
+    assert f"differs from that of the run in {keys}; expected" in said.err
     assert contents(finished) == before
 
 
@@ -66,7 +66,7 @@ def test_a_finished_run_says_so(finished, tmp_path, capsys):
     for until in (0.5, 0.2):
         scene = scene_of(tmp_path, DISC, f"run.until={until}", "run.threads=1", "run.walltime=1 h")
         assert run_scene(scene, finished, resume=True) == 0
-        assert "finished already, at t = 0.5" in capsys.readouterr().out
+        assert "already finished, at t = 0.5" in capsys.readouterr().out
     assert contents(finished) == before
 
 
@@ -119,8 +119,8 @@ def test_not_finite_is_told_with_effect_particle_time_and_checkpoint(tmp_path, m
     message = capsys.readouterr().err
     number = re.search(r"gas particle (\d+) is not finite", message)
     assert number and 0 <= int(number[1]) < 1000
-    assert "first effect to give it an acceleration that is not finite is gas" in message
-    assert re.search(r"at t = 0\.\d+, step 5", message) and f"{out}/checkpoint.h5 is of t = 0." in message
+    assert "first effect with an acceleration that is not finite is gas" in message
+    assert re.search(r"at t = 0\.\d+, step 5", message) and f"{out}/checkpoint.h5 is a checkpoint at t = 0." in message
     assert message in (out / "run.log").read_text()
     assert int(read_checkpoint(out / "checkpoint.h5")[1]["step"]) == 4  # the last good state
     monkeypatch.undo()
@@ -130,13 +130,13 @@ def test_not_finite_is_told_with_effect_particle_time_and_checkpoint(tmp_path, m
 def test_the_start_is_there_to_go_back_to(tmp_path, monkeypatch, capsys):
     at_step(monkeypatch, 1, poison)
     assert run_scene(scene_of(tmp_path, DISC), tmp_path / "out", quiet=True) == 3
-    assert "checkpoint.h5 is of t = 0; go on from it with: discsim run" in capsys.readouterr().err
+    assert "checkpoint.h5 is a checkpoint at t = 0; resume with: discsim run" in capsys.readouterr().err
 
 
 def test_a_collapsed_step_names_its_effect(tmp_path, monkeypatch, capsys):
     at_step(monkeypatch, 2, lambda sim: replace_operator(sim, "star.limit", lambda view: {ALL: Limit(1e-300)}))
     assert run_scene(scene_of(tmp_path, DISC), tmp_path / "out", quiet=True) == 3
-    assert re.search(r"step has collapsed to 6e-301, set by star", capsys.readouterr().err)
+    assert re.search(r"time step collapsed to 6e-301, set by star", capsys.readouterr().err)
 
 
 def test_out_of_memory(tmp_path, monkeypatch, capsys):
@@ -177,7 +177,7 @@ def test_a_second_interrupt_leaves_at_once(tmp_path, monkeypatch, capsys):
     at_step(monkeypatch, 2, twice)
     before = signal.getsignal(signal.SIGINT)
     assert run_scene(scene_of(tmp_path, WAVE), tmp_path / "out", quiet=True) == 130
-    assert "left at once" in capsys.readouterr().err
+    assert "stopped immediately" in capsys.readouterr().err
     assert read_checkpoint(tmp_path / "out" / "checkpoint.h5")[1]["step"] == 0
     assert signal.getsignal(signal.SIGINT) is before
 

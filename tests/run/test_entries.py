@@ -87,7 +87,7 @@ SET = {
     "nothing": (other("gas", "acc", lambda a: None), r"gas\.acc is None; expected an array"),
     "a particle less": (
         lambda sim: sim.gas.take(np.arange(sim.gas.count - 1)),
-        r"and had \d+ before; expected",
+        r"but had \d+ before; expected",
     ),
 }
 WAYS = {
@@ -181,7 +181,7 @@ def test_what_is_refused_leaves_the_simulation_as_it_was(sim, tmp_path):
         groups["dust"]["species"][9] = 10**8
 
     changed(path, change)
-    with pytest.raises(CheckpointError, match=r"a damaged checkpoint, .*: dust\.species\[9\] is 1e\+08; expected"):
+    with pytest.raises(CheckpointError, match=r"damaged checkpoint, .*: dust\.species\[9\] is 1e\+08; expected"):
         sim.restore(path)
     assert state_bits(sim) == before
 
@@ -208,9 +208,9 @@ DAMAGED = {
         lambda groups, values: groups["bodies"]["begun"].__setitem__(0, np.nextafter(values["time"], 1.0)),
         r"bodies\.begun\[0\] is 0\.\d+; expected at most its time, 0\.\d+",
     ),
-    "a time before the start": (single("time", -1.0), r"its time is -1\.0; expected a finite number, 0 or more"),
-    "no step": (single("limit", 0.0), r"its limit is 0\.0; expected a number above 0"),
-    "a limit of no effect": (single("dust_limit", 0.1), r"its dust_limited_by is ''; expected one of gas, "),
+    "a time before the start": (single("time", -1.0), r"time is -1\.0; expected a finite number, 0 or more"),
+    "no step": (single("limit", 0.0), r"limit is 0\.0; expected a number above 0"),
+    "a limit of no effect": (single("dust_limit", 0.1), r"dust_limited_by is ''; expected one of gas, "),
 }
 
 

@@ -53,7 +53,8 @@ def test_a_second_run_is_refused_while_one_goes_on(tmp_path, going_on, resume, c
     assert run_scene(scene, out, resume=resume) == 2
     said = capsys.readouterr()
     when = r"\w+ \w+ +\d+ \d+:\d+:\d+ \d+"
-    holder = rf"{re.escape(str(out))}: a run is going on there \(process {going_on} on \S+ since {when}\); expected .*"
+    process = rf"process {going_on} on \S+ since {when}"
+    holder = rf"{re.escape(str(out))}: another run uses this directory \({process}\); expected .*"
     assert said.out == "" and re.fullmatch(holder, said.err.strip())
     assert contents(out) == before
 
@@ -80,7 +81,7 @@ def test_a_lock_that_was_removed_while_we_opened_it_is_none(tmp_path, monkeypatc
         real(file, how)
 
     monkeypatch.setattr(directory.fcntl, "flock", flock)
-    with held(tmp_path) as locked, pytest.raises(DirectoryError, match="a run is going on"), held(tmp_path):
+    with held(tmp_path) as locked, pytest.raises(DirectoryError, match="another run uses"), held(tmp_path):
         pass
     assert locked
 
@@ -107,7 +108,7 @@ def test_two_commands_at_once(tmp_path):
     said = [child.communicate(timeout=300)[1] for child in commands]
     winner = [child.returncode for child in commands].index(0)
     assert commands[1 - winner].returncode == 2 and len(said[1 - winner].splitlines()) == 1
-    assert "a run is going on there" in said[1 - winner] or "holds a run already" in said[1 - winner]
+    assert "another run uses this directory" in said[1 - winner] or "already contains a run" in said[1 - winner]
     alone = scene_of(tmp_path, WAVE, f"drag.t_stop={(0.002, 0.05)[winner]}")
     assert run_scene(alone, tmp_path / "alone", quiet=True) == 0
     assert_same_run(tmp_path / "alone", out)
@@ -154,7 +155,9 @@ def test_a_second_study_is_refused_while_one_goes_on(tmp_path):
     scene, out = scene_of(tmp_path, WAVE), tmp_path / "out"
     with held(out):
         done = CliRunner().invoke(app, ["cost", str(scene.path), "--vary", "gas.particles=50,60", "-o", str(out)])
-        assert done.exit_code == 2 and done.stderr.startswith(f"{out}: a run is going on there (process {os.getpid()} ")
+        assert done.exit_code == 2 and done.stderr.startswith(
+            f"{out}: another run uses this directory (process {os.getpid()} "
+        )
         assert os.listdir(out) == [".lock"]
 
 
@@ -179,7 +182,7 @@ def test_a_lock_that_another_users_run_has_left_is_held(tmp_path, as_of_another_
     as_of_another_user(unreadable=False)
     with held(tmp_path) as locked:
         assert locked and (tmp_path / ".lock").read_text() == "process 1 on elsewhere"
-        with pytest.raises(DirectoryError, match="a run is going on there"), held(tmp_path):
+        with pytest.raises(DirectoryError, match="another run uses this directory"), held(tmp_path):
             pass
     assert not (tmp_path / ".lock").exists()
 
@@ -193,7 +196,7 @@ def test_a_lock_that_cannot_be_opened_is_one_message(tmp_path, as_of_another_use
     said = capsys.readouterr()
     assert (
         said.out == ""
-        and said.err.startswith(f"{out / '.lock'}: is a lock of another user")
+        and said.err.startswith(f"{out / '.lock'}: this lock belongs to another user")
         and said.err.count("\n") == 1
     )
     assert os.listdir(out) == [".lock"]
@@ -207,5 +210,7 @@ def test_what_is_no_lock_is_left_alone(tmp_path, kind, capsys):
     own.write_text("a diary")
     {"link": lambda p: p.symlink_to(own), "fifo": os.mkfifo, "directory": os.mkdir}[kind](out / ".lock")
     assert run_scene(scene_of(tmp_path, WAVE), out) == 2
-    assert capsys.readouterr().err.startswith(f"{out / '.lock'}: is no plain file, where a run keeps its lock")
+    assert capsys.readouterr().err.startswith(
+        f"{out / '.lock'}: is not a plain file, but runs use this name for their lock"
+    )
     assert own.read_text() == "a diary" and os.listdir(out) == [".lock"]

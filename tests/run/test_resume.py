@@ -148,17 +148,17 @@ def test_a_checkpoint_that_lacks_something_is_one_message(stopped, name, capsys)
             del file[name]
     message = refused(scene, out, capsys)
     last = name.replace("@", "/").split("/")[-1]
-    lacks = f"a checkpoint without '{last}': damaged, or of another version of discsim"
+    lacks = f"the checkpoint has no '{last}': it is damaged, or written by another version of discsim"
     assert message in (f"{out}/checkpoint.h5: {lacks}", f"{out}/checkpoint.h5: does not hold the gas of this scene")
 
 
 @pytest.mark.parametrize(
     "damage, words",
     [
-        (lambda text: text.replace(b"\n1,", b"\n\xff,"), "history.csv:3: no row of a history"),
-        (lambda text: text.replace(b"step,time", b"time,step"), "history.csv:1: not the header of a history"),
-        (lambda text: text.decode().encode("utf-16"), "history.csv:1: not the header of a history"),
-        (lambda text: text.replace(b"\n2,", b"\n2,,"), "history.csv:4: no row of a history"),
+        (lambda text: text.replace(b"\n1,", b"\n\xff,"), "history.csv:3: not a row of history.csv"),
+        (lambda text: text.replace(b"step,time", b"time,step"), "history.csv:1: not the header of history.csv"),
+        (lambda text: text.decode().encode("utf-16"), "history.csv:1: not the header of history.csv"),
+        (lambda text: text.replace(b"\n2,", b"\n2,,"), "history.csv:4: not a row of history.csv"),
     ],
 )
 def test_a_damaged_history_is_one_message(stopped, damage, words, capsys):
@@ -174,7 +174,7 @@ def test_lost_rows_are_told(stopped, lost, capsys):
     (out / "history.csv").write_bytes(b"".join(lines[:-lost]))
     assert len(lines) == 5  # the header, the start, and three steps
     assert run_scene(scene, out, resume=True) == 0
-    warning = f"warning: {out}/history.csv has {max(4 - lost, 0)} rows up to step 3, where the run had written 4"
+    warning = f"warning: {out}/history.csv has {max(4 - lost, 0)} rows up to step 3, but the run wrote 4"
     assert warning in capsys.readouterr().out.splitlines()
     assert run_scene(scene_of(scene.path.parent, SHOCK, "run.until=0.11"), out, resume=True) == 0
     assert "warning: " + str(out) not in capsys.readouterr().out  # once is enough
@@ -202,7 +202,9 @@ def test_a_run_goes_on_from_the_checkpoint_before_the_last(tmp_path, monkeypatch
     last.unlink()
     assert run_scene(scene, out, resume=True) == 0
     told = [line for line in capsys.readouterr().out.splitlines() if str(before) in line]
-    assert len(told) == 1 and told[0].startswith(f"warning: {last}: no such file; goes on from {before}, of t = 0.00")
+    assert len(told) == 1 and told[0].startswith(
+        f"warning: {last}: file not found; the run resumes from {before}, at t = 0.00"
+    )
     assert_same_files(tmp_path / "straight", out)
 
 
@@ -213,7 +215,7 @@ def test_a_changed_history_is_one_message(stopped, capsys):
     cells = lines[2].split(",")
     cells[4] = repr(float(cells[4]) * (1.0 + 1e-15))
     (out / "history.csv").write_text("\n".join([*lines[:2], ",".join(cells), *lines[3:]]))
-    assert f"{out}/history.csv:2: the 4 rows from here on are not those that the run wrote" in refused(
+    assert f"{out}/history.csv:2: the 4 rows from here on differ from those that the run wrote" in refused(
         scene, out, capsys
     )
 
@@ -223,8 +225,10 @@ def test_a_broken_row_later_than_the_checkpoint_is_told(stopped, capsys):
     with (out / "history.csv").open("a") as file:
         file.write("4,0.00")
     assert run_scene(scene, out, resume=True) == 0
-    told = [line for line in capsys.readouterr().out.splitlines() if "broken row" in line]
-    assert told == [f"warning: {out}/history.csv:6: a broken row, later than the checkpoint; dropped, to be made again"]
+    told = [line for line in capsys.readouterr().out.splitlines() if "incomplete row" in line]
+    assert told == [
+        f"warning: {out}/history.csv:6: an incomplete row after the checkpoint is removed; the run writes it again"
+    ]
     assert run_scene(scene, out.with_name("straight"), quiet=True) == 0
     assert_same_files(out.with_name("straight"), out)
 
@@ -275,7 +279,7 @@ def test_another_scene_is_not_begun_anew(stopped, tmp_path, capsys):
         if snapshot.name != "0000.h5":
             snapshot.unlink()
     message = refused(scene_of(tmp_path, SHOCK, "gas.particles=201"), out, capsys)
-    assert message.startswith(f"{out}/scene.toml: the scene differs from the one there in gas.particles; expected")
+    assert message.startswith(f"{out}/scene.toml: the scene differs from that of the run in gas.particles; expected")
 
 
 def test_a_lost_checkpoint_is_not_begun_anew(stopped, capsys):
@@ -303,7 +307,7 @@ def test_a_checkpoint_of_another_version_is_told(tmp_path, monkeypatch, capsys):
         patch.setattr("discsim.output.hdf5.__version__", "0.0.7")
         at_step(patch, 4, lambda sim: signal.raise_signal(signal.SIGTERM))
         assert run_scene(scene, out, quiet=True) == 143
-    words = f"{out / 'checkpoint.h5'} is of discsim 0.0.7, and this is {__version__}: the run goes on, but"
+    words = f"{out / 'checkpoint.h5'} was written by discsim 0.0.7, and this is {__version__}: the run continues, but"
     sim = Simulation(scene, to_restore=True)
     with pytest.warns(OtherVersionWarning) as told:
         sim.restore(out / "checkpoint.h5")
@@ -345,14 +349,14 @@ def test_what_is_read_to_go_on_is_not_said_to_be_written(tmp_path, capsys):
     os.mkfifo(out / "history.csv")
     capsys.readouterr()
     assert run_scene(further, out, resume=True, quiet=True) == 2
-    cure = "Mend it, or move the file away to go on without its rows"
-    assert capsys.readouterr().err == f"{out}/history.csv: cannot be read: is a FIFO, no plain file. {cure}\n"
+    cure = "Repair the file, or move it away to continue without its rows"
+    assert capsys.readouterr().err == f"{out}/history.csv: cannot be read: is a FIFO, not a plain file. {cure}\n"
     for path in (*out.glob("checkpoint*.h5"), *out.glob("snapshots/000[1-9].h5"), out / "scene.toml"):
         path.unlink()
     os.mkfifo(out / "scene.toml")  # of a run that was killed before its first checkpoint
     assert run_scene(further, out, resume=True, quiet=True) == 2
     said = capsys.readouterr().err
-    assert said.startswith(f"{out}/scene.toml: cannot be read: is a FIFO, no plain file; expected")
+    assert said.startswith(f"{out}/scene.toml: cannot be read: is a FIFO, not a plain file; expected")
     assert said.count("\n") == 1
 
 
@@ -407,9 +411,7 @@ def test_too_few_file_handles_are_not_blamed_on_the_directory(tmp_path, monkeypa
     monkeypatch.setattr("discsim.run.runner.write_snapshot", full)
     assert run_scene(scene_of(tmp_path, WAVE), tmp_path / "out", quiet=True) == 1
     said = capsys.readouterr().err
-    assert (
-        said.startswith("too many files are open for this process; expected a higher limit") and "written" not in said
-    )
+    assert said.startswith("too many open files in this process; expected a higher limit") and "written" not in said
 
 
 def test_a_damaged_last_snapshot_is_one_message_where_the_figure_is_missing(tmp_path, monkeypatch, capsys):

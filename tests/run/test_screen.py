@@ -94,7 +94,7 @@ def test_quiet_prints_errors_alone(tmp_path, monkeypatch):
     assert written_to_a_terminal(lambda: run_scene(scene, out, quiet=True)) == (0, "")
     assert written_to_a_terminal(lambda: run_scene(scene, out, resume=True, quiet=True)) == (0, "")
     status, text = written_to_a_terminal(lambda: run_scene(scene, out, quiet=True), errors=errors)
-    assert (status, text) == (2, "") and "holds a run already" in errors.read_text()
+    assert (status, text) == (2, "") and "already contains a run" in errors.read_text()
 
 
 def test_an_encoding_without_the_letters(tmp_path, monkeypatch):

@@ -187,7 +187,7 @@ def test_one_way_dust_that_a_step_would_throw_out_ends_the_run(tmp_path):
     """It may not shorten the gas's step; its energy of -10 would be +9000 after one step of a pull in kicks."""
     star = {"mass": 1.0, "softening": 1e-6}
     sim = one_way(grain(0.05), star=star)
-    named = r"longest in which dust particle 64 at r = 0\.05 keeps its orbit, by star.*a larger star\.accretion_radius"
+    named = r"limit of star for the orbit of dust particle 64 at r = 0\.05.*a larger star\.accretion_radius"
     with pytest.raises(PhysicsError, match=named):
         sim.step()
     assert sim.state.step == 0
@@ -266,7 +266,7 @@ def box(timestep, until, **gas):
 def test_a_fixed_step_far_above_sound_is_refused_in_a_box_too():
     """Its rounding errors would be noise of order one in the gas after ten steps."""
     sim = Simulation(box(0.1, 1.0))
-    with pytest.raises(PhysicsError, match=r"run\.timestep is [\d.]+ times the step that gas allows"):
+    with pytest.raises(PhysicsError, match=r"run\.timestep is [\d.]+ times the step limit of gas:"):
         sim.run()
     assert sim.state.step == 0
 
@@ -311,7 +311,7 @@ def test_gas_that_loses_more_heat_in_a_step_than_it_had_is_named():
     }  # fmt: skip
     pos = np.stack(np.meshgrid(*[np.arange(8.0)] * 2), axis=-1).reshape(-1, 2) - 3.5
     own = {"pos": pos, "vel": 5.0 * pos, "mass": np.ones(64), "u": np.full(64, 1e-6)}
-    with pytest.raises(PhysicsError, match=r"gas particle \d+ has lost more heat in a step than it had"):
+    with pytest.raises(PhysicsError, match=r"gas particle \d+ has a negative energy after one step"):
         Simulation(scene, particles={"gas": own}).run()
 
 

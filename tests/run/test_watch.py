@@ -86,7 +86,7 @@ def test_progress_is_told_to_the_time_that_was_asked_for(capsys):
 )
 def test_every_needs_a_time_and_a_callback(given):
     sim = made()
-    with pytest.raises(ValueError, match="expected a positive time, and a callback"):
+    with pytest.raises(ValueError, match="expected a positive time, together with a callback"):
         sim.run(**given)
     assert sim.time == 0.0
 
@@ -223,9 +223,9 @@ def test_a_step_while_somebody_looks_is_refused(tmp_path, act):
         with sim.synchronised():
             acts[act]()
 
-    with pytest.raises(RuntimeError, match=r"the state is being looked at.* expected this call after it"):
+    with pytest.raises(RuntimeError, match=r"the state is being read.* expected this call afterwards"):
         sim.run(0.1, callback=nested)
-    with sim.synchronised(), pytest.raises(RuntimeError, match="being looked at"):
+    with sim.synchronised(), pytest.raises(RuntimeError, match="being read"):
         acts[act]()
     alone, time = made(), sim.time
     alone.step()

@@ -109,9 +109,7 @@ def test_a_power_beyond_the_range_of_numbers_is_one_message():
         lambda: Units().parse(example, "polytropic_constant", 20.0),
         lambda: Units().to_code(u.Unit(example) * 1),
     ):
-        with pytest.raises(
-            UnitError, match="beyond the range of numbers in code units; expected smaller powers, or other"
-        ):
+        with pytest.raises(UnitError, match="overflows in code units; expected smaller powers, or other"):
             take()
 
 
@@ -122,7 +120,7 @@ def test_a_unit_that_is_suggested_is_known(unit):
 
 @pytest.mark.parametrize("text", ["nan", "-inf", "1e999", "a", "", "3 au"])
 def test_a_number_in_code_units_is_finite(text):
-    with pytest.raises(UnitError, match=f'"{text}" is no finite number, as lengths in code units are'):
+    with pytest.raises(UnitError, match=f'"{text}" is not a finite number; expected a length in code units'):
         Units("code").of_text(text, "length")
     assert Units("code").of_text(" -2.5e-3 ", "length") == -2.5e-3
     assert Units(length_text="2 au").of_text("5 au", "length") == 2.5

@@ -132,7 +132,7 @@ def line(errors, seconds):
 
 
 def test_price_is_read_off_a_power_law():
-    """error = 1 / cpu^2: exactly between the points, fitted beyond them, the cheapest where all are good enough."""
+    """error = 1 / cpu^2: exactly between the points, extrapolated from them, the cheapest where all are good enough."""
     points = line([1.0, 0.25, 0.0625], [1.0, 2.0, 4.0])
     cpu = lambda point: point.cpu  # noqa: E731
     assert price(points, 0.1, cpu) == (pytest.approx(0.1**-0.5), False)
@@ -181,7 +181,7 @@ def test_a_study_makes_table_figure_and_findings(wave, tmp_path):
     best = min(rows, key=lambda row: float(row["error"]))
     assert best["front"] == "1"
     assert (out / "cost.png").stat().st_size > 10_000
-    for words in ("particle velocities against the exact wave", "0.1: ", "0.001: ", "fitted beyond"):
+    for words in ("particle velocities compared with the exact wave", "0.1: ", "0.001: ", "extrapolated from"):
         assert words in done.output and words in (out / "cost.log").read_text()
     assert f"runs {out / 'runs.jsonl'}\nlog {out / 'cost.log'}\n" in done.output
 
@@ -230,7 +230,7 @@ def test_without_an_exact_solution_the_finest_run_is_the_measure(wave, tmp_path)
     study.make("wave", 1)
     first, finest = rows_of(tmp_path / "s")
     assert finest["status"] == "reference" and finest["error"] == "" and 0.0 < float(first["error"]) < 0.5
-    assert "gas.particles = 60, dust.particles = 60 (no exact one)" in (tmp_path / "s" / "cost.log").read_text()
+    assert "gas.particles = 60, dust.particles = 60 (no exact solution)" in (tmp_path / "s" / "cost.log").read_text()
 
 
 def test_the_measure_is_the_run_with_most_particle_updates_not_with_most_steps(wave, tmp_path):
@@ -258,8 +258,8 @@ def test_what_the_physics_stops_is_told_and_left_out(wave, tmp_path, monkeypatch
 
 
 FAULTS = {
-    "refused by its start: no balance": SceneError(["no balance"]),
-    "stopped by the physics: not finite": PhysicsError("not finite"),
+    "refused at the start: no balance": SceneError(["no balance"]),
+    "stopped by a numerical failure: not finite": PhysicsError("not finite"),
     "ended by ValueError: two lines": ValueError("two\n lines"),
     "ended by MemoryError": MemoryError(),
     "ended by IndexError": IndexError("list index out of range"),
@@ -293,12 +293,12 @@ def test_a_run_that_raises_anything_is_told_and_left_out(wave, tmp_path, monkeyp
     assert words in done.output
 
 
-@pytest.mark.parametrize("words", ["refused by its start: no balance", "ended by TypeError"])
+@pytest.mark.parametrize("words", ["refused at the start: no balance", "ended by TypeError"])
 def test_where_every_run_fails_one_message_says_so(wave, tmp_path, monkeypatch, words):
     failing(monkeypatch, FAULTS[words], None)
     done = invoke(wave, "--vary", "gas.particles,dust.particles=30,40", "-o", tmp_path / "s")
     assert done.exit_code == 2 and done.stderr.count("\n") == 1
-    assert "no run came to its end; that with gas.particles = 30" in done.stderr and words in done.stderr
+    assert "no run completed; the run with gas.particles = 30" in done.stderr and words in done.stderr
 
 
 def test_a_real_start_that_is_refused_is_left_out(tmp_path):
@@ -306,7 +306,7 @@ def test_a_real_start_that_is_refused_is_left_out(tmp_path):
     few = ["--set", "gas.particles=40", "--set", "dust.particles=10", "--set", "run.until=0.05"]
     done = invoke("settling", *few, "--vary", "gas.kernel,gas.eta=wendland-c4:2,cubic:2.2", "-o", tmp_path / "s")
     assert done.exit_code == 0, done.output
-    assert [row["status"].partition(":")[0] for row in rows_of(tmp_path / "s")] == ["done", "refused by its start"]
+    assert [row["status"].partition(":")[0] for row in rows_of(tmp_path / "s")] == ["done", "refused at the start"]
 
 
 def test_an_error_that_is_not_finite_is_no_result(wave, tmp_path, monkeypatch):

@@ -23,7 +23,7 @@ def test_an_unknown_name_is_one_clear_line(name, capsys):
     with pytest.raises(SystemExit):
         parser.parse_args(["--cases", name])
     wrong = "" if name != "mixx" else name
-    assert f"--cases: no case {wrong!r}; expected some of gas, mix\n" in capsys.readouterr().err
+    assert f"--cases: unknown case {wrong!r}; expected some of gas, mix\n" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("text", ["", "abc", "64,", "1.5", "31", "nan", "inf"])

@@ -161,7 +161,7 @@ def test_where_the_start_gives_no_result_the_search_begins_nearer_to_the_scene(l
             assert all(map(self.allowed, places))
             for place in places:
                 if place[0] < least:
-                    self.trials.setdefault(place, Trial(place)).stopped = "refused by its start"
+                    self.trials.setdefault(place, Trial(place)).stopped = "refused at the start"
             super().run(places, number, most)
 
     model = Refusing([PARTICLES, STEP])
@@ -175,7 +175,7 @@ def test_where_the_scene_itself_gives_no_result_none_is_found():
     class Refusing(Model):
         def run(self, places, number=1, most=math.inf):
             for place in places:
-                self.trials.setdefault(place, Trial(place)).stopped = "refused by its start"
+                self.trials.setdefault(place, Trial(place)).stopped = "refused at the start"
 
     model = Refusing([PARTICLES, STEP])
     assert found_in(model, 0.02, (-5, -3)) is None and (0, 0) in model.trials

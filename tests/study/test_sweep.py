@@ -104,7 +104,7 @@ def test_what_was_stopped_goes_on_and_what_is_there_stays(made, scene, tmp_path,
     with monkeypatch.context() as patch:
         at_step(patch, 2, lambda sim: signal.raise_signal(signal.SIGINT))
         stopped = command(scene, *STOKES, "-o", directory)
-    assert stopped.exit_code == 130 and "the same command goes on" in stopped.stderr
+    assert stopped.exit_code == 130 and "repeat the command to continue" in stopped.stderr
     assert [row["status"] for row in table(directory)] == ["done", "not run", "not run"]
     assert command(scene, *STOKES, "-o", directory).exit_code == 0
     for row, other in zip(table(directory), table(made[0]), strict=True):
@@ -140,7 +140,7 @@ def test_of_two_keys_each_pair_is_run_and_one_that_fails_is_told(scene, tmp_path
     )  # fmt: skip
     assert done.exit_code == 0 and len(made) == 4
     rows = table(tmp_path / "b")
-    assert [row["status"] for row in rows] == ["stopped by the physics"] * 2 + ["done"] * 2
+    assert [row["status"] for row in rows] == ["stopped by a numerical failure"] * 2 + ["done"] * 2
     assert rows[0]["dust-r50"] == "" and rows[3]["directory"] == "stokes=10,direction=two-way"
 
 
@@ -180,11 +180,11 @@ def test_several_at_a_time_are_the_same(scene, tmp_path):
     "arguments, words",
     [
         ([], "nothing to vary; expected --vary"),
-        (["--vary", "drag.stokes"], "not a key with its values"),
+        (["--vary", "drag.stokes"], "not a key with values"),
         (["--vary", "drag.stoeks=1,2"], 'did you mean "stokes"?'),
-        ([*STOKES, "--vary", "drag.stokes=3"], "named twice"),
+        ([*STOKES, "--vary", "drag.stokes=3"], "occurs twice"),
         ([*STOKES, "--measure", "dust-r5"], 'did you mean "dust-r50"?'),
-        (["--vary", "title=a b,ab"], "of two combinations"),
+        (["--vary", "title=a b,ab"], "two combinations have the same"),
     ],
 )
 def test_what_cannot_be_is_told(scene, tmp_path, arguments, words):
@@ -196,7 +196,7 @@ def test_what_cannot_be_is_told(scene, tmp_path, arguments, words):
 def test_runs_of_another_scene_are_left_alone(made, scene):
     before = contents(made[0])
     done = command(scene, *STOKES, "-o", made[0], "--set", "gas.particles=500")
-    assert done.exit_code == 2 and "the scene differs from the one there in gas.particles" in done.stderr
+    assert done.exit_code == 2 and "the scene differs from that of the run in gas.particles" in done.stderr
     assert contents(made[0]) == before
 
 
@@ -207,7 +207,7 @@ def test_a_fifo_in_place_of_a_scene_is_not_waited_for(scene, made, tmp_path):
     given = [sys.executable, "-m", "discsim", "sweep", str(scene), *STOKES, "-o", str(tmp_path / "a")]
     done = subprocess.run(given, capture_output=True, text=True, timeout=60)  # starting takes a few seconds
     assert done.returncode == 2 and done.stderr.count("\n") == 1
-    assert f"{folder}/scene.toml: cannot be read: is a FIFO, no plain file; expected" in done.stderr
+    assert f"{folder}/scene.toml: cannot be read: is a FIFO, not a plain file; expected" in done.stderr
     assert os.listdir(tmp_path / "a") == [folder.name]
 
 

@@ -54,4 +54,4 @@ def test_jobs_that_are_waited_for_are_told_of(monkeypatch):
             jobs[0].set_result("first")
 
     assert list(results(jobs, say)) == ["first", "second"]
-    assert said == 3 * ["    1 of 2 runs are done, others go on"]
+    assert said == 3 * ["    1 of 2 runs are complete, others continue"]

@@ -21,23 +21,23 @@ def _tables(draft: Draft) -> Iterator[Problem]:
     """Yield problems of tables and keys that do not go with a fixed grid."""
     scheme = _named(draft)
     if draft.space and draft.dimensions != 1:
-        yield ("space", "dimensions"), f"{scheme} is a fixed grid along a line; expected 1"
+        yield ("space", "dimensions"), f"{scheme} is a fixed 1D grid; expected 1"
     for table in ("star", "self_gravity", "external", "background"):
         if draft.has(table):
-            yield (table,), f"does not go with {scheme}, whose forces are pressure and drag; expected no such table"
+            yield (table,), f"not possible with {scheme}, which has only pressure and drag; expected no table [{table}]"
     for key in OF_SPH:
         if draft.gives("gas", key):
-            yield ("gas", key), f"{scheme} has no SPH particles; expected no such key"
+            yield ("gas", key), f"{scheme} has no SPH particles; expected this key left out"
     if draft.drag.supersonic or LAWS[draft.drag.law].by_column:
         key = "supersonic" if draft.drag.supersonic else "law"
-        yield ("drag", key), f"{scheme} has no drag that depends on the slip; expected another law"
+        yield ("drag", key), f"{scheme} allows only drag linear in velocity; expected another law"
     if draft.drag.direction != "two-way":
-        yield ("drag", "direction"), f'{scheme} moves gas and dust together; expected "two-way"'
+        yield ("drag", "direction"), f'{scheme} always couples gas and dust both ways; expected "two-way"'
     if draft.run and draft.run.integrator != "kdk":
-        yield ("run", "integrator"), f"{scheme} has steps of its own; expected no such key"
+        yield ("run", "integrator"), f"{scheme} has its own time integrator; expected this key left out"
     if draft.start and not draft.start.cells:
         *some, last = kinds(lambda start: start.cells)
-        yield ("initial", "kind"), f"{scheme} has no such start; expected {', '.join(some)} or {last}"
+        yield ("initial", "kind"), f"{scheme} does not support this start; expected {', '.join(some)} or {last}"
 
 
 def _cells(draft: Draft) -> Iterator[Problem]:
@@ -47,18 +47,21 @@ def _cells(draft: Draft) -> Iterator[Problem]:
     scheme, cells = _named(draft), draft.gas.particles
     if draft.eos is not None and not draft.eos.on_grid:
         words = " or ".join(f'"{kind}"' for kind, eos in EOS.items() if eos.on_grid)
-        yield ("gas", "eos", "kind"), f"{scheme} has no such gas; expected {words}"
+        yield ("gas", "eos", "kind"), f"{scheme} does not support this equation of state; expected {words}"
     if draft.space and draft.space.cells not in (None, cells):
-        yield ("space", "cells"), f"the cells of {scheme} are the gas.particles; expected {cells}, or no such key"
+        yield (
+            ("space", "cells"),
+            (f"with {scheme} the number of cells is gas.particles; expected {cells}, or this key left out"),
+        )
     if draft.dust and len(draft.dust) > 1:
-        yield ("dust",), f"{scheme} moves one population of dust; expected one"
+        yield ("dust",), f"{scheme} allows one population of dust; expected one table [[dust]]"
     for i, dust in enumerate(draft.dust or ()):
         if dust.particles != cells:
             wrong = f"{scheme} has gas and dust in the same cells"
             yield ("dust", i, "particles"), f"{wrong}; expected {cells}, as many as gas.particles"
         if dust.offset or dust.placement != "even":
             key = "offset" if dust.offset else "placement"
-            yield ("dust", i, key), f"{scheme} has gas and dust in the same cells; expected no such key"
+            yield ("dust", i, key), f"{scheme} has gas and dust in the same cells; expected this key left out"
 
 
 def _named(draft: Draft) -> str:

@@ -177,8 +177,8 @@ def short_steps(scheme: str, law: Law, dt: float, rate: float) -> int:
         return 1
     if not dt * rate <= MOST_STEPS:
         raise FloatingPointError(
-            f'drag.scheme "{scheme}" would make {dt * rate:.2g} explicit steps of a stopping time in one; '
-            f'expected a scheme without any, like "{USUAL_SCHEME}", or a shorter run.timestep'
+            f'drag.scheme "{scheme}" would need {dt * rate:.2g} explicit substeps in one time step; '
+            f'expected an implicit scheme, like "{USUAL_SCHEME}", or a shorter run.timestep'
         )
     return max(1, ceil(dt * rate))
 

@@ -67,7 +67,7 @@ class Look:
             return self.ends
         given = self._lengths(snap.units)
         if given.ndim == 2 or len(given) == 3:
-            raise self._wrong('is a part of the plane; expected "R" or "R1,R2" in radius')
+            raise self._wrong('is a region of the plane; expected "R" or "R1,R2" in radius')
         if len(given) == 2:
             return float(given[0]), float(given[1])
         if snap.dimensions == 1:
@@ -99,11 +99,13 @@ class Look:
             raise self._wrong(f"is out of range; expected 0, or sizes {SIZES} in code units")
         if given.ndim > 1:
             if given.shape != (2, 2) or not (given[0] < given[1]).all():
-                raise self._wrong('is no part of the plane; expected a text like "50 au", or corners (lower, upper)')
+                raise self._wrong(
+                    'is not a region of the plane; expected a text like "50 au", or corners (lower, upper)'
+                )
             return given
         rising = len(given) != 2 or given[0] < given[1]
         if len(given) not in (1, 2, 3) or not rising or (len(given) != 2 and given[-1] <= 0.0):
-            raise self._wrong('is no part of a disc; expected "R", "R1,R2" or "X,Y,R", with R above 0 and R1 < R2')
+            raise self._wrong('is not a region of the disc; expected "R", "R1,R2" or "X,Y,R", with R > 0 and R1 < R2')
         return given
 
     def _wrong(self, words: str) -> PlotError:
@@ -127,7 +129,7 @@ class Look:
             return given
         if given.unit.is_equivalent("arcsec"):
             if self.distance is None:
-                raise UnitError(f'"{text}" is an angle; expected a length, or a distance too')
+                raise UnitError(f'"{text}" is an angle, but no distance is given; expected a length, or a distance too')
             given = given.to_value("rad") * self.distance
         return units.in_code(given, "length")
 
@@ -136,7 +138,9 @@ class Look:
         if self.distance is None:
             return None
         if units.system == "code":
-            raise PlotError(f"{self.prefix}distance: the scene is in code units, in which lengths have no angle")
+            raise PlotError(
+                f"{self.prefix}distance: the scene is in code units, so lengths cannot be converted to angles"
+            )
         return 1.0 / float(self.distance.to_value("pc"))
 
 
@@ -219,14 +223,14 @@ def field_of(snap: Snapshot, name: str, edges: Any = None, **given: Any) -> Any:
     """Implement `Snapshot.field`."""
     found = of_run(name, snap)
     if len(found) > 1:
-        raise FieldError(f'"{name}" is of several species; expected one of {", ".join(found)}')
+        raise FieldError(f'"{name}" exists for several species; expected one of {", ".join(found)}')
     field, snap, look = FIELDS[found[0]], snap.about_centre(), look_of(**given)
     look.arcsec(snap.units)
     if edges is not None:
         values = in_rings(snap, _edges(snap, edges), look.optics)[found[0]]
     elif look.window is not None or field.kind != "particles":
         if snap.dimensions == 1:
-            raise FieldError(f"{found[0]}: a run in one dimension has no map; expected edges, between which to average")
+            raise FieldError(f"{found[0]}: a run in one dimension has no map; expected edges of bins")
         values = on_pixels(snap, look.map_window(snap), look.pixels, look.optics)[found[0]]
     else:
         values = field.values(snap)
@@ -242,7 +246,7 @@ def _edges(snap: Snapshot, given: Any) -> Array:
     except (TypeError, ValueError):
         raise PlotError(f"edges: {_shown(given)}; expected numbers in code units, or a Quantity") from None
     if edges.ndim != 1 or len(edges) < 2 or not (np.diff(edges) > 0.0).all():
-        raise PlotError(f"edges: {_shown(given)}; expected two or more, each above the one before it")
+        raise PlotError(f"edges: {_shown(given)}; expected at least two increasing numbers")
     if snap.dimensions == 2 and edges[0] < 0.0:
         raise PlotError(f"edges: {_shown(given)}; expected radii of 0 or more")
     return edges

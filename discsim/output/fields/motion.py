@@ -79,7 +79,7 @@ def _v_phi(snap: Snapshot, p: SnapshotParticles) -> Array:
 @_both("velocity", r"$v_{\varphi,SPECIES} - v_\mathrm{K}$", "vel", "plane", "star", unit="m/s", scale="signed",
        colours="PuOr_r")  # fmt: skip
 def _v_phi_excess(snap: Snapshot, p: SnapshotParticles) -> Array:
-    """azimuthal velocity over the Keplerian one: v_phi - Omega_K r"""
+    """azimuthal velocity minus the Keplerian velocity: v_phi - Omega_K r"""
     return (p.pos[:, 0] * p.vel[:, 1] - p.pos[:, 1] * p.vel[:, 0]) / _away(p) - omega(snap, p.radius) * p.radius
 
 

@@ -27,7 +27,7 @@ def known(word: str) -> list[str]:
         return found
     last = [name.rpartition(".")[2] for name in FIELDS]
     hint = near(word, list(FIELDS)) or near(word.rpartition(".")[2], list(dict.fromkeys(last)))
-    raise FieldError(f'"{word}" is no field; expected one of {", ".join(FIELDS)}{hint}')
+    raise FieldError(f'"{word}" is not a field; expected one of {", ".join(FIELDS)}{hint}')
 
 
 def columns(names: Iterable[str]) -> set[str]:
@@ -57,32 +57,32 @@ def _lacks(need: str, snap: Snapshot) -> str | None:
     """Return the reason why a snapshot lacks one of a field's needs; None if it has it."""
     tables = snap.tables
     if need == "plane":
-        return None if snap.dimensions == 2 else "the run has one dimension, and the field wants two"
+        return None if snap.dimensions == 2 else "the field needs two dimensions, but the run has one"
     if need == "star":
-        return None if "star" in tables else "the scene has no [star], about which it is defined"
+        return None if "star" in tables else "the field needs a star, but the scene has no [star]"
     if need == "physical":
-        return _of_code_units("nothing has a unit") if snap.units.system == "code" else None
+        return _of_code_units("quantities have no units") if snap.units.system == "code" else None
     kind, _, name = need.partition(".")
     particles = snap.species.get(kind)
     if particles is None:
-        given = ": its gas is a given disc, [background]" if kind == "gas" and "background" in tables else ""
+        given = ": its gas is the prescribed disc [background]" if kind == "gas" and "background" in tables else ""
         return f"the run has no {kind}{given}" + (" particles" if not given and kind == "gas" else "")
     if getattr(particles, name, None) is not None or name in particles.columns:
         return None
     if name == "temperature" and snap.units.system == "code":
         return _of_code_units("gas has no temperature")
-    return f"the snapshot holds no {need}{_because(name, tables)}"
+    return f"the snapshot has no {need}{_because(name, tables)}"
 
 
 def _of_code_units(what: str) -> str:
-    return f"the scene is in code units, in which {what}; expected a run with [units] length and mass"
+    return f"the scene is in code units, where {what}; expected a run with [units] length and mass"
 
 
 def _because(name: str, tables: dict[str, object]) -> str:
     if name == "small":
         return ": the scene has no [growth]"
     if name == "size":
-        return ": the grains have no sizes of their own, as a range of dust.grain_size or [growth] gives them"
+        return ": the grains have one size; only a size distribution or [growth] stores sizes"
     if name in ("stokes", "stopping_time"):
         return ": the scene has no [drag]" if "drag" not in tables else ": the scene has no [star]"
     return ""
@@ -97,6 +97,6 @@ def listed() -> Iterator[tuple[str, str, str]]:
 
 def table() -> str:
     """Return the list of fields as text."""
-    rows = [("name", "unit", "what it is"), *listed()]
+    rows = [("name", "unit", "description"), *listed()]
     wide = [max(len(row[k]) for row in rows) for k in (0, 1)]
     return "\n".join(f"{name:<{wide[0]}}  {unit:<{wide[1]}}  {about}".rstrip() for name, unit, about in rows)
