@@ -18,9 +18,9 @@ FLOORS = (
     "drag", "initial", "effects", "output", "plot", "preview", "run", "study", "report", "shipped", "launch", "ranks",
     "cli",
 )  # fmt: skip
-# Modules in the largest circle of imports, with those for type checkers: `Scene` has the types of the keys of effects,
-# and effects, physics and numerics take a `Scene`. It was 98 while starts named the simulation, and files the package.
-LARGEST_CIRCLE = 57
+# Modules in the largest circle of imports, with those for type checkers: a `Draft` has the type of its start and a
+# `Scene` that of its gas model, and starts, physics and numerics take a `Scene`.
+LARGEST_CIRCLE = 21
 
 
 def modules():

@@ -23,10 +23,9 @@ above 1 / (14 W(0, h) nu), so `run.courant` is at most 0.72.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from pydantic import Field
 
 from discsim.effects import base
 from discsim.formulas.smoothing import SMOOTHING
@@ -34,7 +33,7 @@ from discsim.numerics.state import State
 from discsim.numerics.threads import parallel_for
 from discsim.physics import viscosity
 from discsim.physics.local import Expected
-from discsim.scene.fields import Diffusivity, Length, Number, Table
+from discsim.scene.keys.alpha_viscosity import Keys
 from discsim.scene.rules import Draft, Problem
 
 if TYPE_CHECKING:
@@ -44,29 +43,6 @@ if TYPE_CHECKING:
 PARTICLE, NEIGHBOUR = 60.0, 2.5  # CPU nanoseconds in a step, per particle and per neighbour of a particle
 STEP = ("inner_alpha", "outer_alpha", "radius", "width")
 DEAD = ("dead_alpha", "dead_inner", "dead_outer", "dead_width")
-
-
-class Keys(Table):
-    alpha: Number | None = Field(None, gt=0, description="alpha in the viscosity nu = alpha c_s H")
-    nu: Diffusivity | None = Field(None, gt=0, description="uniform viscosity, instead of alpha")
-    index: Number = Field(
-        0.0, description="power-law index of alpha ~ r^index; alpha holds at initial.reference_radius"
-    )
-    inner_alpha: Number | None = Field(
-        None, ge=0, description="alpha far inside `radius`; with outer_alpha, instead of alpha"
-    )
-    outer_alpha: Number | None = Field(None, ge=0, description="alpha far outside `radius`")
-    radius: Length | None = Field(None, gt=0, description="radius of the step from inner_alpha to outer_alpha")
-    width: Number | None = Field(None, gt=0, description="width of the step in ln r: tanh(ln(r / radius) / width)")
-    step: Literal["linear", "logarithmic"] = Field(
-        "linear", description="quantity that follows the tanh: alpha, or ln alpha"
-    )
-    dead_alpha: Number | None = Field(None, ge=0, description="alpha inside the dead zone")
-    dead_inner: Length | None = Field(None, gt=0, description="inner edge of the dead zone")
-    dead_outer: Length | None = Field(None, gt=0, description="outer edge of the dead zone")
-    dead_width: Number | None = Field(
-        None, gt=0, description="width of the dead zone's edges in ln r: tanh(ln(r / edge) / dead_width)"
-    )
 
 
 def _one_law(draft: Draft) -> Iterator[Problem]:

@@ -13,17 +13,16 @@ limits no step.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
-from pydantic import Field
 
 from discsim.effects import base
 from discsim.numerics.state import Gas, State
 from discsim.numerics.threads import parallel_for
 from discsim.parts import SCHEMES, Lazy
 from discsim.physics import cooling as physics
-from discsim.scene.fields import Default, Length, Measure, Number, Table, Time, Words
+from discsim.scene.keys.cooling import TABLE, Keys
 from discsim.scene.rules import Draft, Problem
 
 if TYPE_CHECKING:
@@ -32,29 +31,8 @@ if TYPE_CHECKING:
 kernels = Lazy("discsim.kernels.sph.cooling")
 
 KEY_OF = {"beta": "beta", "constant": "t_cool", "radiative": "opacity"}  # the key of each kind
-TABLE = "bell-lin"
 # CPU nanoseconds in a step, per particle: one kick of its energy and one prediction.
 NANOSECONDS = {"beta": 100.0, "constant": 60.0, "radiative": 1000.0}
-
-
-class Keys(Table):
-    """Cooling of the gas, which needs eos.kind = "adiabatic"."""
-
-    kind: Literal["beta", "constant", "radiative"] = Field(description="cooling law")
-    beta: Number | None = Field(None, gt=0, description='cooling time in 1 / Omega_K, for kind "beta"')
-    t_cool: Time | None = Field(None, gt=0, description='cooling time, for kind "constant"')
-    opacity: Annotated[Any, Measure("opacity", words=(TABLE,)), Words(f'opacity, "{TABLE}"')] = Field(
-        None, description=f'opacity, for kind "radiative"; "{TABLE}": table of Bell & Lin (1994)'
-    )
-    aspect_ratio: Annotated[Number | None, Default("same as gas.eos")] = Field(
-        None, ge=0, description="H/r at reference_radius that the gas cools to; 0: cools to zero energy"
-    )
-    temperature_index: Annotated[Number | None, Default("same as gas.eos")] = Field(
-        None, description="q in c_s^2 ~ r^-q of the disc that the gas cools to"
-    )
-    reference_radius: Annotated[Length | None, Default("same as gas.eos")] = Field(
-        None, gt=0, description="radius at which aspect_ratio holds"
-    )
 
 
 def _heat_to_lose(draft: Draft) -> Iterator[Problem]:

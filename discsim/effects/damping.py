@@ -12,10 +12,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import numpy as np
-from pydantic import Field
 
 from discsim.effects import base
 from discsim.initial import balance
@@ -25,7 +24,7 @@ from discsim.numerics.totals import rounded
 from discsim.parts import Lazy
 from discsim.physics.centre import kepler_omega
 from discsim.physics.orbits import masses_in_drift
-from discsim.scene.fields import Length, Number, Table, Words
+from discsim.scene.keys.damping import Keys
 from discsim.scene.rules import Draft, Problem
 
 if TYPE_CHECKING:
@@ -36,16 +35,6 @@ kernels = Lazy("discsim.kernels.common.damping")
 DAMPED = 12.0  # CPU nanoseconds in a step, per particle
 NODES, BEYOND = 4096, 8.0  # nodes of the table in ln r, and the factor in r by which it extends beyond the zones
 NONE = np.zeros(0, np.int64)
-
-Zone = Annotated[tuple[Length, Length], Words("two lengths: [from, to]")]
-
-
-class Keys(Table):
-    """Zones at the edges in which velocities relax to the local equilibrium."""
-
-    inner: Zone | None = Field(None, description="zone at the inner edge [from, to]; full damping at and inside from")
-    outer: Zone | None = Field(None, description="zone at the outer edge [from, to]; full damping at and outside to")
-    time: Number = Field(0.3, gt=0, description="relaxation time at full damping, in local orbits")
 
 
 def _zones(draft: Draft) -> Iterator[Problem]:

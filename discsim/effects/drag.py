@@ -8,10 +8,9 @@ limits the step to about t_stop / max(1, eps). All other drag limits no step.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from pydantic import Field, StrictBool
 
 from discsim.drag import cautions
 from discsim.drag.base import Kicked
@@ -23,11 +22,11 @@ from discsim.effects.stopping import stopping_columns
 from discsim.numerics.state import State
 from discsim.numerics.threads import copied, parallel_for
 from discsim.numerics.totals import mean
-from discsim.parts import LAWS, SCHEMES, USUAL_SCHEME, Lazy
+from discsim.parts import LAWS, SCHEMES, Lazy
 from discsim.physics.grains import has_sizes
 from discsim.physics.laws import stopping_times
 from discsim.physics.local import Expected
-from discsim.scene.fields import Default, Length, Measure, Number, Table, Time, word_of
+from discsim.scene.keys.drag import Keys
 from discsim.scene.rules import Draft, Problem
 
 if TYPE_CHECKING:
@@ -36,8 +35,6 @@ if TYPE_CHECKING:
 
 moves = Lazy("discsim.kernels.common.move")
 heat_of_drag = Lazy("discsim.drag.heat")
-LawName: Any = word_of(LAWS)
-SchemeName: Any = word_of(SCHEMES)
 OF_CELLS = (
     "scheme",
     "kernel",
@@ -48,49 +45,6 @@ OF_CELLS = (
 )  # keys that apply to SPH gas only
 
 OF_A_CLASS = 0.12  # additional cost of each further class of grains, in costs of a kick
-
-
-class Keys(Table):
-    law: LawName = Field(description="drag law: formula of the stopping time")
-    K: Annotated[float | None, Measure("drag_coefficient")] = Field(
-        None, gt=0, description='drag coefficient K in the force density K (v - u), for law "constant"'
-    )
-    t_stop: Time | None = Field(None, gt=0, description='stopping time, for law "stopping-time"')
-    stokes: Number | None = Field(
-        None, gt=0, description='Stokes number t_stop Omega; for "stokes-over-density" the value at Sigma_ref'
-    )
-    convention: Literal["papers", "kinetic"] = Field(
-        "kinetic", description='Epstein t_stop = sqrt(pi/8) s rho_s / (c_s rho_g); "papers": s rho_s / (c_s rho_g)'
-    )
-    supersonic: StrictBool = Field(
-        False, description="supersonic correction: Epstein drag times sqrt(1 + (9 pi/128) (slip / c_s)^2)"
-    )
-    mean_free_column: Annotated[float | None, Measure("surface_density"), Default("mu m_u / 2e-15 cm2")] = Field(
-        None, gt=0, description='rho_g times the mean free path, for law "epstein-stokes"'
-    )
-    direction: Literal["two-way", "one-way"] = Field(
-        "two-way", description="two-way: dust acts on the gas; one-way: it does not"
-    )
-    scheme: SchemeName = Field(
-        USUAL_SCHEME, description="numerical scheme of the drag; -ppm: gas and dust are fluids on a fixed 1D grid"
-    )
-    kernel: Literal["gas", "double-hump"] = Field(
-        "gas", description='kernel of drag between pairs: W of the gas, or "double-hump": q^2 W'
-    )
-    cell: Annotated[
-        Number | None, Default("1D: 1, at most 2 gas spacings; 2D: 2, at most 2.7 gas spacings and 0.7 H")
-    ] = Field(None, gt=0, description="side of a drag cell, in local mean smoothing lengths h")
-    cell_length: Length | None = Field(None, gt=0, description="side of a drag cell as a length, instead of cell")
-    # The mean slip of a class is exact in steady drift; in steps below t_stop its error is at most (ln 1.4)^2 / 12.
-    class_width: Number = Field(
-        1.4, gt=1, description="largest ratio of stopping times in a class of grains, which relax together"
-    )
-    heating: Annotated[StrictBool, Default("true for adiabatic gas and two-way drag")] = Field(
-        description="frictional heating of the gas"
-    )
-    integration: Literal["exponential", "implicit"] = Field(
-        "exponential", description='time integration: exact exponential, or "implicit": first-order backward Euler'
-    )
 
 
 def _partners(draft: Draft) -> Iterator[Problem]:

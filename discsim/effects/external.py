@@ -3,28 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import numpy as np
-from pydantic import Field
 
 from discsim.effects import base
 from discsim.numerics.state import State
 from discsim.numerics.totals import total
 from discsim.physics.local import Expected
-from discsim.scene.fields import AccelerationVector, Measure, Table
+from discsim.scene.keys.external import Keys
 
 if TYPE_CHECKING:
     from discsim.physics.local import Local, Outlook
     from discsim.scene import Scene
-
-
-class Keys(Table):
-    gas: AccelerationVector = Field(0, validate_default=True, description="uniform acceleration of the gas")
-    dust: AccelerationVector = Field(0, validate_default=True, description="uniform acceleration of the dust")
-    vertical_frequency: Annotated[float, Measure("frequency")] = Field(
-        0.0, ge=0, description="Omega in the vertical acceleration -Omega^2 z of gas and dust"
-    )
 
 
 class Effect(base.Effect):

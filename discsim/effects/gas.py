@@ -9,10 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import chain
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from pydantic import BeforeValidator, Field, model_validator
 
 from discsim.effects import base
 from discsim.formulas.smoothing import SMOOTHING
@@ -24,7 +23,7 @@ from discsim.physics import centre, companions, viscosity
 from discsim.physics.eos import eos_of, pressure_and_sound_speed, radius, thermal_speed
 from discsim.physics.local import Expected, longest_step, resolution
 from discsim.physics.orbits import masses_in_drift
-from discsim.scene.fields import Default, Length, Number, Particles, Table, kinds_of
+from discsim.scene.keys.gas import Keys
 from discsim.scene.rules import Draft, Problem
 
 if TYPE_CHECKING:
@@ -36,104 +35,12 @@ moves = Lazy("discsim.kernels.common.move")
 quiet = Lazy("discsim.effects.quiet")
 growth = Lazy("discsim.physics.growth")
 sums = Lazy("discsim.numerics.sph")
-AnyEos: Any = kinds_of(EOS.values())
 
 
 # CPU nanoseconds in a step: per particle, and per neighbour of a particle by the precision of the sums.
 PARTICLE, NEIGHBOUR = 300.0, {"double": 27.0, "single": 15.0}
 QUIETED = ("isothermal", "locally-isothermal")  # kinds of eos that allow quiet gas
 SLOPES, QUIET = 1.2, 150.0  # factor on NEIGHBOUR for reconstructed velocities; CPU nanoseconds per quiet particle
-MOST_ETA = 30.0  # gives thousands of neighbours
-
-
-class Viscosity(Table):
-    """Artificial viscosity."""
-
-    alpha: Number = Field(1.0, ge=0, description="coefficient of the linear term")
-    beta: Number = Field(2.0, ge=0, description="coefficient of the quadratic term")
-    switch: Literal["none", "balsara"] = Field("none", description="switch that reduces viscosity in shear")
-    pairs: Annotated[
-        Literal["approaching", "all", "reconstructed"],
-        Default('"reconstructed"; with switch = "balsara" "approaching"'),
-    ] = Field(
-        "reconstructed",
-        description="pairs with a linear term: approaching, all (no pressure from shear), or reconstructed: all, with "
-        "velocities extrapolated to the pair's midpoint, so smooth flows have no viscosity",
-    )
-
-    @model_validator(mode="before")
-    @classmethod
-    def _one_way_out_of_shear(cls, given: Any) -> Any:
-        if isinstance(given, dict) and given.get("switch") == "balsara":
-            return {"pairs": "approaching"} | given
-        return given
-
-    @property
-    def acts_in_shear(self) -> bool:
-        """True if viscosity brakes a smooth shear; a switch only weakens it there."""
-        return self.pairs != "reconstructed"
-
-    @property
-    def signal(self) -> float:
-        """Factor of c_s / h in the step limit, for sound and the linear term."""
-        return 1.0 + 1.2 * self.alpha
-
-    @property
-    def closing(self) -> float:
-        """Factor of -div v in the step limit, for the quadratic term."""
-        return 1.0 + 1.2 * self.beta
-
-
-class Quiet(Table):
-    """Pressure with less noise in shear (`effects/quiet.py`); true stands for the defaults below."""
-
-    share: Number = Field(0.9, ge=0, le=1, description="fraction of the mean pressure that is left out of pair forces")
-    time: Number = Field(
-        10.0, gt=0, description="time in 1 / Omega over which the density relaxes to the SPH sum, in discs"
-    )
-    guard: Number = Field(0.75, ge=0, description="pressure kept in pair forces, in standard deviations of the density")
-
-
-def _true_or_table(given: Any) -> Any:
-    """Return an empty table for true, None for false, and any other value as it is."""
-    return {True: {}, False: None}[given] if isinstance(given, bool) else given
-
-
-class Conductivity(Table):
-    """Artificial conductivity."""
-
-    alpha: Number = Field(1.0, ge=0, description="coefficient of artificial conductivity")
-
-
-class Keys(Table):
-    particles: Particles = Field(description="number of SPH particles")
-    kernel: Annotated[
-        Literal["cubic", "quintic", "quintic-h", "wendland-c2", "wendland-c4"],
-        Default('"cubic"; without eta: "wendland-c2" in discs, "wendland-c4" in quiet gas and settling layers'),
-    ] = Field("cubic", description="SPH kernel")
-    eta: Annotated[
-        Number,
-        Default("cubic 1.345, quintic 1.1, quintic-h 3.3, wendland-c2 and wendland-c4 1.7; in 1D 2, quintic-h 6"),
-    ] = Field(gt=0, le=MOST_ETA, description="eta in h = eta (m/rho)^(1/d)")
-    smoothing_length: Length | None = Field(
-        None, gt=0, description="smoothing length, the same for all particles, instead of eta"
-    )
-    eos: AnyEos = Field(description="equation of state")
-    precision: Literal["double", "single"] = Field(
-        "double", description="floating-point precision of the terms in SPH sums; the rest is double"
-    )
-    viscosity: Annotated[Viscosity | None, Default("none; for quiet gas {alpha = 0.3, beta = 0.5}")] = None
-    conductivity: Conductivity | None = None
-    quiet: Annotated[Quiet | None, BeforeValidator(_true_or_table)] = Field(
-        None, description="noise reduction for isothermal discs and periodic planes; true, or a table"
-    )
-
-    @model_validator(mode="before")
-    @classmethod
-    def _viscosity_of_quiet(cls, given: Any) -> Any:
-        if isinstance(given, dict) and given.get("quiet") and "viscosity" not in given:
-            return given | {"viscosity": {"alpha": 0.3, "beta": 0.5}}
-        return given
 
 
 def _fixed_smoothing(draft: Draft) -> Iterator[Problem]:

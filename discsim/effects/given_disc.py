@@ -12,7 +12,6 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from pydantic import Field
 
 from discsim.drag import cautions
 from discsim.effects import base, dust
@@ -25,8 +24,7 @@ from discsim.physics.centre import central_mass
 from discsim.physics.given_disc import GivenDisc
 from discsim.physics.laws import SceneLaw
 from discsim.physics.radiation import pull_share
-from discsim.scene.columns import ColumnsFile
-from discsim.scene.fields import Length, Number, SurfaceDensity, Table, kinds_of
+from discsim.scene.keys.background import Keys
 from discsim.scene.rules import Draft, Problem
 
 if TYPE_CHECKING:
@@ -35,40 +33,6 @@ if TYPE_CHECKING:
 
 kernels = Lazy("discsim.kernels.dust.background")
 KICKED = 150.0  # CPU nanoseconds in a step, per particle
-EosWithoutHeat: Any = kinds_of(eos for eos in EOS.values() if not eos.holds_heat)
-
-
-class Bump(Table):
-    """More gas about a radius: Sigma times 1 + height exp(-(r - radius)^2 / (2 width^2))."""
-
-    radius: Length = Field(gt=0, description="radius of the maximum")
-    width: Length = Field(gt=0, description="standard deviation of the Gaussian bump")
-    height: Number = Field(gt=0, description="relative increase of Sigma at the maximum")
-
-
-class Gap(Table):
-    """Less gas about a radius, like the gap of a planet: Sigma times 1 - depth exp(-(r - radius)^2 / (2 width^2))."""
-
-    radius: Length = Field(gt=0, description="radius of the minimum")
-    width: Length = Field(gt=0, description="standard deviation of the Gaussian gap")
-    depth: Number = Field(gt=0, lt=1, description="relative decrease of Sigma at the minimum")
-
-
-class Keys(Table):
-    """Prescribed gas disc in equilibrium about the star, instead of [gas]. It drags the dust and does not change."""
-
-    surface_density: SurfaceDensity | None = Field(None, gt=0, description="surface density at reference_radius")
-    file: ColumnsFile = Field(
-        None,
-        description="text file with columns r, Sigma and optionally T, instead of the power law and the "
-        "temperature of eos; "
-        'with units in the header: "# r [au]  Sigma [g/cm2]  T [K]"',
-    )
-    surface_density_index: Number = Field(1.0, description="p in Sigma ~ r^-p")
-    reference_radius: Length = Field(1.0, gt=0, description="radius at which surface_density holds")
-    eos: EosWithoutHeat = Field(description="equation of state")
-    bump: Bump | None = None
-    gap: Gap | None = None
 
 
 def _alone_about_a_star(draft: Draft) -> Iterator[Problem]:

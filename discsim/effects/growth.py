@@ -23,7 +23,6 @@ import numpy as np
 from pydantic import BeforeValidator, Field, ValidationInfo
 
 from discsim.effects import base
-from discsim.effects.dust import Sizes
 from discsim.formulas.smoothing import SMOOTHING
 from discsim.numerics import world
 from discsim.numerics.state import Pace, State
@@ -32,6 +31,7 @@ from discsim.parts import LAWS, SCHEMES, Lazy
 from discsim.physics import growth
 from discsim.physics.laws import SceneLaw
 from discsim.scene.fields import Default, Length, Number, Table, Velocity, units_of
+from discsim.scene.keys.dust import Sizes
 from discsim.scene.rules import Draft, Problem
 
 if TYPE_CHECKING:

@@ -10,10 +10,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import partial
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from pydantic import BeforeValidator, Field
 
 from discsim.effects import base
 from discsim.effects.star import SOFTER, nearest_row
@@ -24,7 +23,7 @@ from discsim.parts import SCHEMES, Lazy
 from discsim.physics.local import Expected
 from discsim.physics.orbits import IN_KICKS, in_drift
 from discsim.physics.radiation import pull_share
-from discsim.scene.fields import Number, Table, Words, fault
+from discsim.scene.keys.radiation_pressure import Keys
 from discsim.scene.rules import Draft, Problem
 
 if TYPE_CHECKING:
@@ -34,19 +33,6 @@ if TYPE_CHECKING:
 kernels = Lazy("discsim.kernels.dust.radiation")
 stars = Lazy("discsim.kernels.gravity.point_masses")
 PUSH = 6.0  # CPU nanoseconds in a step, per grain
-
-
-def _each(value: Any) -> Any:
-    """Return beta as a list."""
-    if isinstance(value, list | tuple) and not value:
-        raise fault("the list is empty; expected a number, or one number per population of dust")
-    return list(value) if isinstance(value, list | tuple) else [value]
-
-
-class Keys(Table):
-    beta: Annotated[
-        tuple[Annotated[Number, Field(ge=0)], ...], BeforeValidator(_each), Words("number, or list of numbers")
-    ] = Field(description="F_rad / F_grav of the grains; list: one number per population of dust")
 
 
 def _needs(draft: Draft) -> Iterator[Problem]:

@@ -15,17 +15,16 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from itertools import chain
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from pydantic import Field
 
 from discsim.effects import base
 from discsim.formulas.smoothing import SMOOTHING
 from discsim.numerics.state import Particles, State
 from discsim.parts import Lazy
 from discsim.physics.local import Expected
-from discsim.scene.fields import Length, Table
+from discsim.scene.keys.self_gravity import Keys
 from discsim.scene.rules import Draft, Problem, kinds
 
 if TYPE_CHECKING:
@@ -40,19 +39,6 @@ poisson = Lazy("discsim.numerics.poisson")
 totals = Lazy("discsim.numerics.totals")
 
 Array = np.ndarray
-
-
-class Keys(Table):
-    softening: Length | None = Field(None, gt=0, description='Plummer softening length, for kernel "plummer"')
-    kernel: Literal["plummer", "thin-disc"] = Field(
-        "plummer",
-        description="softened potential: 1 / sqrt(r^2 + softening^2), or the average over a Gaussian disc with "
-        "scale height thickness",
-    )
-    thickness: Length | None = Field(None, gt=0, description='constant scale height H, for kernel "thin-disc"')
-    sources: tuple[Literal["gas", "dust"], ...] = Field(
-        ("gas", "dust"), min_length=1, description="species that make the gravitational field"
-    )
 
 
 CELL, MOVED = 50.0, 18.0  # CPU nanoseconds in a step: per grid cell, and per particle (deposit and pull)

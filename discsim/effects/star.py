@@ -18,10 +18,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from functools import partial
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
-from pydantic import Field, StrictBool
 
 from discsim.effects import base
 from discsim.effects.accretion import swallow, taken_from
@@ -33,7 +32,7 @@ from discsim.numerics.totals import rounded, total, totals
 from discsim.parts import Lazy
 from discsim.physics.local import Expected
 from discsim.physics.orbits import Orbits, in_drift, pulling, step_of_circle
-from discsim.scene.fields import Default, Length, Mass, Table
+from discsim.scene.keys.star import Keys
 from discsim.scene.rules import Draft, Problem
 
 if TYPE_CHECKING:
@@ -44,26 +43,6 @@ kernels = Lazy("discsim.kernels.gravity.point_masses")
 
 SOFTER = "a larger star.accretion_radius or star.softening"
 PULL = 5.0  # CPU nanoseconds in a step, per particle; twice if its pull on the star counts
-
-
-class Keys(Table):
-    mass: Mass = Field(gt=0, description="mass of the star")
-    accretion_radius: Length = Field(0.0, ge=0, description="radius within which particles are accreted; 0: none")
-    softening: Length = Field(0.0, ge=0, description="Plummer softening length")
-    frame: Literal["star", "inertial"] = Field(
-        "star", description='"star": origin at the star; "inertial": the star moves'
-    )
-    indirect: Annotated[
-        tuple[Literal["companions", "gas", "dust"], ...] | None,
-        Default("companions; gas and dust with [self_gravity]"),
-    ] = Field(None, description="sources of gravity that accelerate the star")
-    grows: StrictBool = Field(
-        False, description="accreted mass is added to the star (and momentum, in the inertial frame)"
-    )
-    centre: Literal["star", "barycentre"] = Field(
-        "star",
-        description='centre of the disc; "barycentre": of star and bound companions, needs frame = "inertial"',
-    )
 
 
 def _at_the_centre(draft: Draft) -> Iterator[Problem]:

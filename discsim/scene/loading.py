@@ -28,19 +28,19 @@ from discsim.scene.tables import COURANT, COURANT_OF_DISCS, REQUIRED, TABLES, op
 from discsim.scene.units import UnitError, Units
 
 if TYPE_CHECKING:
-    from discsim.effects.alpha_viscosity import Keys as AlphaViscosity
-    from discsim.effects.companion import Keys as Companion
-    from discsim.effects.cooling import Keys as Cooling
-    from discsim.effects.damping import Keys as Damping
-    from discsim.effects.drag import Keys as Drag
-    from discsim.effects.dust import Keys as Dust
-    from discsim.effects.external import Keys as External
-    from discsim.effects.gas import Keys as Gas
-    from discsim.effects.given_disc import Keys as Background
     from discsim.effects.models import GasModel
-    from discsim.effects.radiation_pressure import Keys as RadiationPressure
-    from discsim.effects.self_gravity import Keys as SelfGravity
-    from discsim.effects.star import Keys as Star
+    from discsim.scene.keys.alpha_viscosity import Keys as AlphaViscosity
+    from discsim.scene.keys.background import Keys as Background
+    from discsim.scene.keys.companion import Keys as Companion
+    from discsim.scene.keys.cooling import Keys as Cooling
+    from discsim.scene.keys.damping import Keys as Damping
+    from discsim.scene.keys.drag import Keys as Drag
+    from discsim.scene.keys.dust import Keys as Dust
+    from discsim.scene.keys.external import Keys as External
+    from discsim.scene.keys.gas import Keys as Gas
+    from discsim.scene.keys.radiation_pressure import Keys as RadiationPressure
+    from discsim.scene.keys.self_gravity import Keys as SelfGravity
+    from discsim.scene.keys.star import Keys as Star
 else:  # an effect is imported only if the scene has its table
     AlphaViscosity = Background = Companion = Cooling = Damping = Drag = Dust = External = Gas = Any
     RadiationPressure = SelfGravity = Star = Any
