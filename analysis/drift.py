@@ -169,7 +169,7 @@ def look(sim: Simulation) -> dict[str, float]:
     inside = np.abs(r - 1) < WINDOW
     found["stress"] /= 1.5 * float((gas.mass * gas.sound_speed**2)[inside].sum())
     if sim.dust is not None:
-        push = (sim.state.own_acc["gas"] * gas.pos)[inside].sum(axis=1) / r[inside]
+        push = (sim.state.acc_unshared["gas"] * gas.pos)[inside].sum(axis=1) / r[inside]
         found["headwind"] = float(push.sum() / (2 * ASPECT**2 / r[inside] ** 2).sum())
         found["slip"] = local_slip(sim)
     return found

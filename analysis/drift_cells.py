@@ -68,7 +68,7 @@ def measured(sim: Simulation, aspect: float, orbits: tuple[float, float]) -> dic
         with sim.synchronised():
             for name, p, values, unit in (
                 ("dust", sim.dust, sim.dust.vel, lambda r: aspect**2 * r**-0.5),
-                ("headwind", sim.gas, sim.state.own_acc["gas"], lambda r: 2.0 * aspect**2 / r**2),
+                ("headwind", sim.gas, sim.state.acc_unshared["gas"], lambda r: 2.0 * aspect**2 / r**2),
             ):
                 r = np.hypot(*p.pos.T)
                 near = np.abs(r - 1.0) < WINDOW

@@ -89,7 +89,7 @@ def measure(sim: Simulation) -> Drifts:
             r = np.sqrt((gas.pos**2).sum(axis=1))
             near = np.abs(r - 1.0) < WINDOW
             of_gas = ((gas.pos * gas.vel).sum(axis=1) / np.sqrt(r))[near].mean()  # v_r / v_K
-            push = (sim.state.own_acc["gas"] * gas.pos).sum(axis=1)[near] / r[near]
+            push = (sim.state.acc_unshared["gas"] * gas.pos).sum(axis=1)[near] / r[near]
             headwind.append(push.sum() / (2.0 * ASPECT**2 / r[near] ** 2).sum())
             r = np.sqrt((dust.pos**2).sum(axis=1))
             near = np.abs(r - 1.0) < WINDOW

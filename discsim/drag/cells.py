@@ -188,14 +188,14 @@ def _numbers(part: Lattice, *keys: Array) -> tuple[Array, Array, int]:
     """Return the local gas and dust in each leaf, and the number of particles of all processes outside the lattice."""
     count = math.prod(part.shape) + 1
     gas, dust = (counts(key, count) for key in keys)
-    return gas, dust, int(world.together.sum(int(gas[-1]) + int(dust[-1])))
+    return gas, dust, int(world.processes.sum(int(gas[-1]) + int(dust[-1])))
 
 
 def _in_leaves(
     ranks: OneRank, part: Lattice, n_gas: Array, n_dust: Array, key: Array, h: Array
 ) -> tuple[Array, Array, Array]:
     """Return the gas and dust in each leaf (leaves,) and the sum of the gas's h, over all ranks."""
-    unit = 2.0 ** (math.frexp(world.together.most(float(h.max(initial=0.0))))[1] - H_BITS)
+    unit = 2.0 ** (math.frexp(world.processes.most(float(h.max(initial=0.0))))[1] - H_BITS)
     held = np.zeros(len(n_gas))
     kernels.add_in_units(key, h, 1.0 / unit, held)
     n_gas, n_dust, held = ranks.summed(part, n_gas, n_dust, held)

@@ -65,9 +65,9 @@ class Classes:
         if dust.size is None:
             self.of = dust.species
         # Particles or sizes that have changed are in a new array.
-        elif world.together.most(dust.size is not self._sorted):
+        elif world.processes.most(dust.size is not self._sorted):
             self._sorted = dust.size
-            everyone = world.together.everyone(dust)  # in the order of all, which decides the last bits of means
+            everyone = world.processes.everyone(dust)  # in the order of all, which decides the last bits of means
             self._divide(self._rows(everyone.of(dust.species), everyone.of(dust.size)))
             self.of, self.relative = self.of[everyone.own], self.relative[everyone.own]
 

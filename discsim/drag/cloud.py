@@ -33,7 +33,7 @@ class Cloud:
     density: Array
     gradh: Array
     sph: Sph
-    place: Array | None = None  # as in `Particles`
+    global_index: Array | None = None  # as in `Particles`
 
     @property
     def count(self) -> int:
@@ -60,7 +60,7 @@ def settle_density(cloud: Cloud) -> None:
     """Solve for h and density, from the guess in `cloud.h`."""
     sph, guess = cloud.sph, cloud.h.copy()
     sph.density(cloud, np.empty((0, sph.dim)))
-    if not sph.fixed and world.together.most(bool((cloud.h < SMALLEST * guess).any())):
+    if not sph.fixed and world.processes.most(bool((cloud.h < SMALLEST * guess).any())):
         cloud.h = np.maximum(cloud.h, SMALLEST * guess)
         sph.fixed = True
         sph.density(cloud, np.empty((0, sph.dim)))
@@ -79,7 +79,7 @@ def densities_of_sparse_dust(gas: Gas, dust: Dust, law: Law, work: Work, scene: 
     out = np.zeros(len(dust.mass) if sparse else 0)
     for number in sparse:
         members = np.flatnonzero(dust.class_of == number)
-        if world.together.sum(len(members)) > 0:
+        if world.processes.sum(len(members)) > 0:
             sph = work.new_sph()
             sph.fixed = False  # the spacing of dust may be far above the gas's h
             cloud = cloud_of(dust, members, sph)

@@ -151,9 +151,10 @@ class Engine:
     def _positions(self, state: Seen, gas_vel: Array) -> tuple[Gas, Dust]:
         """Return the arrays that cells are made from; `gas_vel` (n, d) are the velocities of the gas."""
         gas, dust, none = state.gas, state.dust, EMPTY
+        order_of_gas, order_of_dust = ((p.global_index, p.unsorted_rows, p.count) for p in (gas, dust))
         return (
-            Gas(gas.pos, gas_vel, none, none, gas.mass, gas.h, none, none, gas.place, gas.loose, gas.count),
-            Dust(dust.pos, dust.vel, none, none, dust.mass, self.classes.of, none, dust.place, dust.loose, dust.count),
+            Gas(gas.pos, gas_vel, none, none, gas.mass, gas.h, none, none, *order_of_gas),
+            Dust(dust.pos, dust.vel, none, none, dust.mass, self.classes.of, none, *order_of_dust),
         )
 
     def _complete(self, state: Seen, gas: Gas, dust: Dust) -> tuple[Gas, Dust]:
@@ -162,10 +163,10 @@ class Engine:
         if state.gas.small is not None:  # small dust that gas carries exerts no drag on grains
             density = density * growth.gas_share(scene, state.gas)
         gas = gas._replace(
-            acc=state.gas.acc, acc_unshared=state.own_acc["gas"], density=density,
+            acc=state.gas.acc, acc_unshared=state.acc_unshared["gas"], density=density,
             thermal_speed=thermal_speed(scene, state.gas),
         )  # fmt: skip
-        dust = dust._replace(acc=state.dust.acc, acc_unshared=state.own_acc["dust"])
+        dust = dust._replace(acc=state.dust.acc, acc_unshared=state.acc_unshared["dust"])
         if self.scheme.layout is None:
             return gas, dust
         if state.dust.size is not None:
@@ -182,7 +183,7 @@ class Engine:
         lengths = self.width.counted(gas.pos, gas.h)
         wanted = length
         if wanted is None:
-            h_least = world.together.least(float(lengths.min(initial=np.inf)))
+            h_least = world.processes.least(float(lengths.min(initial=np.inf)))
             wanted = of_scheme.leaf(scene, number, lambda: float(np.exp(mean(np.log(lengths)))), h_least)
         lattice = cells.lattice_on(state.grid, self.dim, self.width.rounded * wanted, gas.everywhere)
         # With drag.cell_length a leaf has the wanted side; with a number of h leaves double up to it.
@@ -198,6 +199,6 @@ class Engine:
         return Work(self.dim, self.period, heat, self.buffers, self._new_sph, ratios, double_hump)
 
     def _new_sph(self) -> Any:
-        made = world.together.sph(sph.Sph, self.scene)
+        made = world.processes.sph(sph.Sph, self.scene)
         made.ignore_velocities()
         return made

@@ -45,7 +45,7 @@ def frame_of(species: Mapping[str, Any], mass: float, softening: float, samples:
         return Frame(0.0, 0.0, 0.0, 0.0, np.ones(1))
     few = [_sample(samples, name, p) for name, p in species.items()]
     parts = [
-        world.together.sample(np.column_stack([p.mass[part], p.pos[part], p.vel[part]]), p.place, part)
+        world.processes.sample(np.column_stack([p.mass[part], p.pos[part], p.vel[part]]), p.global_index, part)
         for p, part in zip(species.values(), few, strict=True)
     ]
     table = np.concatenate(parts)
@@ -74,14 +74,14 @@ def _sample(samples: Samples, name: str, particles: Any) -> Array:
     every = 1 << max(0, -(-count // SAMPLE) - 1).bit_length()
     known = samples.get(name, Sample(NO_ROWS, 0, NO_ROWS, 0))
     if _only_unsorted_changed(known, ids, every):
-        rows = np.concatenate([known.rows, particles.loose[known.unsorted :]])
+        rows = np.concatenate([known.rows, particles.unsorted_rows[known.unsorted :]])
         rows = rows[rows < len(ids)]
         rows = np.unique(rows[ids[rows] & every - 1 == 0])
     elif known.power == every and (known.ids is ids or _still_there(known.rows, known.ids, ids, every)):
         rows = known.rows
     else:
         rows = multiples_of(ids, every)
-    samples[name] = Sample(ids, every, rows, len(particles.loose))
+    samples[name] = Sample(ids, every, rows, len(particles.unsorted_rows))
     return rows
 
 
@@ -90,7 +90,7 @@ def _only_unsorted_changed(known: Sample, ids: Array, every: int) -> bool:
 
     This holds while the array begins at the same place in memory, as sorting makes a new one.
     """
-    return known.power == every and world.together.many and alloc.begin_alike(known.ids, ids)
+    return known.power == every and world.processes.many and alloc.begin_alike(known.ids, ids)
 
 
 def _still_there(rows: Array, before: Array, ids: Array, every: int) -> bool:
@@ -100,7 +100,7 @@ def _still_there(rows: Array, before: Array, ids: Array, every: int) -> bool:
     If all these rows hold multiples, no other row does. On several processes particles of another process may have
     come, so the result is then False.
     """
-    if world.together.many or len(ids) > len(before):
+    if world.processes.many or len(ids) > len(before):
         return False
     return bool(np.all(rows < len(ids)) and np.all(ids[rows] & every - 1 == 0))
 

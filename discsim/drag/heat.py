@@ -20,9 +20,9 @@ SIDES = 1024  # most squares along the longest side
 
 def pay_losses(gas: Any, width: float, heat: Array) -> None:
     """Apply `share_losses` to the gas of all processes if any particle would lose too much."""
-    if not world.together.most(bool((heat + MOST * gas.u < 0.0).any())):
+    if not world.processes.most(bool((heat + MOST * gas.u < 0.0).any())):
         return
-    everyone = world.together.everyone(gas)
+    everyone = world.processes.everyone(gas)
     whole = everyone.of(heat)
     share_losses(everyone.of(gas.pos), everyone.of(gas.mass), everyone.of(gas.u), width, whole)
     heat[:] = whole[everyone.own]

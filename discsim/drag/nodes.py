@@ -124,7 +124,7 @@ def _are_few(blocks: Blocks, classes: int, local: int) -> bool:
     filled = np.flatnonzero(np.diff(start))
     cells = np.count_nonzero(blocks.dust_order[start[filled]] < local)  # cells whose first grain is local
     held = np.count_nonzero(blocks.dust_order[: start[-1]] < local)
-    return bool(world.together.sum(held) < FEW * world.together.sum(cells))
+    return bool(world.processes.sum(held) < FEW * world.processes.sum(cells))
 
 
 def _sums(there: NodeCells, classes: int, law: Law, work: Work, by_grain: bool) -> tuple[Cells, Nodes]:

@@ -326,7 +326,7 @@ class Effect(base.Effect):
         if companion.accretion_rate is not None:
             kept = _chances(self.scene.run.seed, state.step + state.earlier, k, p.ids[gone]) >= self._share(state, k)
             gone = gone[~kept]
-        if world.together.most(len(gone)) > 0:
+        if world.processes.most(len(gone)) > 0:
             taken = taken_from(state, name, gone)
             swallow(state, k + 1, name, gone, taken, grows=True, moves=bool(self.orbits.live[k]))
             p.remove(gone)

@@ -181,7 +181,7 @@ class Effect(base.Effect):
                 )
             )  # fmt: skip
             if done == 0:
-                steps = _steps(2.0 * float(world.together.most(steepest)) * dt / REACH**2)
+                steps = _steps(2.0 * float(world.processes.most(steepest)) * dt / REACH**2)
             if dust.immobile is not None:
                 strength[dust.immobile] = 0.0
             self._walk(state, gas, field, (strength, drift), dt / steps, state.lag + dt, count * MOST + done)
@@ -251,7 +251,7 @@ class _Surroundings:
                 return field
             parallel_for(kernels.given_about, len(pos), pos, effect.drag.kernel_disc(state.central_mass), field)
             return field
-        gas, met = state.gas, self.gas.meet(pos, state.dust.place)
+        gas, met = state.gas, self.gas.meet(pos, state.dust.global_index)
         speed2 = thermal_speed(effect.scene, gas) ** 2
         field = np.zeros((len(met.grain_pos), columns))
         parallel_for(
@@ -274,7 +274,7 @@ class _Surroundings:
         there = self.about(middle)[:, kernels.DENSITY].copy()
         empty = there == 0.0
         middle[empty], there[empty] = start[empty], density[empty]
-        met = self.gas.meet(middle, self.state.dust.place)
+        met = self.gas.meet(middle, self.state.dust.global_index)
         vel = met.gas.of(gas.vel)
         parallel_for(
             kernels.recoil_driver(effect.sph.kernel), len(met.cells.filled), met.cells, met.grain_cells, met.pos, met.h,

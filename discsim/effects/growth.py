@@ -227,7 +227,7 @@ class Effect(base.Effect):
         """
         dust = state.dust
         centre = np.zeros(2) if state.centre is None else state.centre[0]
-        met = meeting.Surroundings(self.sph, state.gas).meet(dust.pos, dust.place)
+        met = meeting.Surroundings(self.sph, state.gas).meet(dust.pos, dust.global_index)
         field = self._about(state, met, centre)
         about = field[met.grains.own]
         wanted = np.empty(dust.count)
@@ -243,7 +243,7 @@ class Effect(base.Effect):
         self._hand_over(state, met, field, wanted)
         # Within an orbit the gas about a grain may change, however slowly the grain grows.
         fastest = max(*rates, float(omega.max(initial=0.0)) * SHARE / (2.0 * math.pi))
-        return float(world.together.most(fastest))
+        return float(world.processes.most(fastest))
 
     def _about(self, state: State, met: Meeting, centre: np.ndarray) -> np.ndarray:
         """Return columns (n, COLUMNS) of the surroundings of dust particles, local ones and ghosts."""

@@ -173,10 +173,10 @@ class Disc:
         pressing = gas.pressure / gas.sound_speed**2
         mass = gas.mass * pressing / gas.followed
         log = float(np.abs(np.log(pressing * r)).max(initial=0.0))
-        most = world.together.most(np.array([mass.max(initial=0.0), 1.0, log, log * log]))
+        most = world.processes.most(np.array([mass.max(initial=0.0), 1.0, log, log * log]))
         units = 2.0 ** (BITS - np.ceil(np.log2(gas.everywhere + 1.0)) - np.frexp(most)[1])
         found = parallel_for(kernels.ring_sums, gas.count, count, at, mass, pressing, r, units, light=True)
-        sums = world.together.sum(sum(found)) / units[:, None]
+        sums = world.processes.sum(sum(found)) / units[:, None]
         for _ in range(2):
             sums[:, 1:-1] = 0.25 * (sums[:, :-2] + 2.0 * sums[:, 1:-1] + sums[:, 2:])
         some, radius = np.maximum(sums[NUMBER], TINY), self._radii(low + np.arange(count))
@@ -203,7 +203,7 @@ def _gas(state: View) -> Any:
 
 def _range(place: Array) -> tuple[float, int]:
     """Return the first ring, and the number of rings that hold the gas of all processes, with a margin."""
-    least, most = world.together.least(place.min(initial=np.inf)), world.together.most(place.max(initial=-np.inf))
+    least, most = world.processes.least(place.min(initial=np.inf)), world.processes.most(place.max(initial=-np.inf))
     low = np.floor(max(least, most - MOST_RINGS)) - 3.0
     return float(low), int(most - low) + 5
 

@@ -207,7 +207,7 @@ class Effect(base.Effect):
         """Remove the particles `gone` (indices) of a species, record them in the ledger, and give them to a growing
         star.
         """
-        if world.together.most(len(gone)) == 0:
+        if world.processes.most(len(gone)) == 0:
             return
         mass, pos, vel = particles.mass[gone], particles.pos[gone], particles.vel[gone]
         ledger, taken = state.ledger, taken_from(state, name, gone)

@@ -14,7 +14,7 @@ from discsim.printable import UserError
 
 Array = np.ndarray
 VECTORS = ("pos", "vel", "acc", "kick_acc", "pressure_acc", "pressure_vel")  # (n, dimensions); others (n,)
-TYPES = {"ids": np.int64, "species": np.int64, "place": np.uint64, "immobile": np.bool_}  # others float64
+TYPES = {"ids": np.int64, "species": np.int64, "global_index": np.uint64, "immobile": np.bool_}  # others float64
 POSITIVE = {"gas": ("mass", "h", "h_before")}
 NOT_NEGATIVE = {
     "gas": ("density", "small"),

@@ -42,7 +42,7 @@ class Grains:
     """Grains at positions pos (n, d); place (n,): their keys in the global order (`Particles`)."""
 
     pos: Array
-    place: Array | None
+    global_index: Array | None
 
     @property
     def count(self) -> int:
@@ -61,9 +61,9 @@ class Surroundings:
         """Cells of the local gas."""
         return cells_in(self.grids, self.classes, self.gas.pos, self.gas.h)
 
-    def meet(self, pos: Array, place: Array | None) -> Meeting:
+    def meet(self, pos: Array, global_index: Array | None) -> Meeting:
         """Return the neighbour lists with grains at positions pos (n, d)."""
-        return Meeting(self, Grains(pos, place))
+        return Meeting(self, Grains(pos, global_index))
 
 
 class Meeting:
@@ -76,22 +76,22 @@ class Meeting:
     def __init__(self, gas: Surroundings, grains: Grains) -> None:
         grids, classes = _grids_of(gas.sph, grains)
         gas_grids, flat, gas_key, key = gas.grids, gas.sph.dim == 1, NONE, NONE
-        if world.together.many:
+        if world.processes.many:
             about = _about((gas_grids, gas.classes, gas.gas.pos), (grids, classes, grains.pos))
             widest = np.full(len(grids.table), gas_grids.table[:, REACH].max())
             grids, gas_grids = grids.near(*about, widest), gas_grids.near(*about, gas_grids.table[:, REACH])
             gas_key, key = keys_in(gas_grids, gas.classes, gas.gas.pos), keys_in(grids, classes, grains.pos)
         of_gas, of_grains = (gas_grids, gas_key), (grids, key)
-        self.gas = world.together.in_cells(gas.gas, gas_key, lambda: _needed(*of_gas, *of_grains, halo.THEIRS, flat))
-        self.grains = world.together.in_cells(grains, key, lambda: _needed(*of_grains, *of_gas, halo.OWN, flat))
+        self.gas = world.processes.in_cells(gas.gas, gas_key, lambda: _needed(*of_gas, *of_grains, halo.THEIRS, flat))
+        self.grains = world.processes.in_cells(grains, key, lambda: _needed(*of_grains, *of_gas, halo.OWN, flat))
         self.pos, self.h = self.gas.of(gas.gas.pos), self.gas.of(gas.gas.h)
         self.grain_pos = self.grains.of(grains.pos)
         side = np.full(len(self.grain_pos), grids.table[0, REACH])
-        self.grain_cells = cells_in(grids, self.grains.of(classes), self.grain_pos, side, self.grains.place)
-        if not world.together.many:
+        self.grain_cells = cells_in(grids, self.grains.of(classes), self.grain_pos, side, self.grains.global_index)
+        if not world.processes.many:
             self.cells = gas.cells
             return
-        cells = cells_in(gas_grids, self.gas.of(gas.classes), self.pos, self.h, self.gas.place)
+        cells = cells_in(gas_grids, self.gas.of(gas.classes), self.pos, self.h, self.gas.global_index)
         self.cells = cells._replace(filled=_filled(gas_key))
         self.grain_cells = self.grain_cells._replace(filled=_filled(key))
 
@@ -107,11 +107,11 @@ class Meeting:
 
 
 def _grids_of(sph: Sph, grains: Grains) -> tuple[Grids, Array]:
-    low, width = (np.zeros(2), sph.size) if sph.periodic else box_about(grains.pos, world.together)
+    low, width = (np.zeros(2), sph.size) if sph.periodic else box_about(grains.pos, world.processes)
     sides = width[width > 1e-300]
-    count = int(world.together.sum(grains.count))
+    count = int(world.processes.sum(grains.count))
     side = (IN_A_CELL * np.prod(sides) / count) ** (1.0 / max(1, len(sides)))
-    return grids_of(grains.pos, np.full(grains.count, side), 1.0, low, width, sph.periodic, world.together)
+    return grids_of(grains.pos, np.full(grains.count, side), 1.0, low, width, sph.periodic, world.processes)
 
 
 def _about(*some: tuple[Grids, Array, Array]) -> tuple[Array, Array]:

@@ -100,7 +100,7 @@ def corners(pos: Array) -> tuple[Array, Array]:
 
 def corners_of_cells(grids: Grids, classes: Array, pos: Array) -> tuple[Array, Array]:
     """Return least and largest coordinates (2,) of the cells of particles at positions (n, d) of `classes` (n,)."""
-    low, high = world.together.corners(pos, corners)
+    low, high = world.processes.corners(pos, corners)
     held = [k for k in range(len(grids.table)) if np.any(classes == k)]
     side = grids.table[held, SIDE_X : SIDE_X + 2].max(axis=0, initial=0.0)
     return low - side, high + side
@@ -141,14 +141,14 @@ def keys_in(grids: Grids, classes: Array, pos: Array) -> Array:
 
 
 def cells_in(
-    grids: Grids, classes: Array, pos: Array, h: Array, place: Array | None = None, key: Array | None = None
+    grids: Grids, classes: Array, pos: Array, h: Array, global_index: Array | None = None, key: Array | None = None
 ) -> Cells:
-    """Sort particles into the cells of given grids, within a cell in the order of arrays or of their `place` (n,).
+    """Sort particles into the cells of given grids, within a cell in the order of arrays or of `global_index` (n,).
 
     key (n,): result of `keys_in`, if known.
     """
     key = keys_in(grids, classes, pos) if key is None else key
-    order, start = counting_sort(key, grids.cells, place)
+    order, start = counting_sort(key, grids.cells, global_index)
     x, y, radius = laid = np.empty((3, len(pos) + LANES))  # padded for loops over whole vectors
     laid[:, len(pos) :] = 0.0
     bounds = np.empty((grids.cells, 5))

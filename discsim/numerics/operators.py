@@ -63,8 +63,8 @@ OF_BODIES = frozenset({
     "kepler_omega", "cooled",
 })  # fmt: skip
 # Attributes of particles that every operator sees: numbers, order and spare memory, none of which a kernel changes.
-ALWAYS = frozenset({"count", "everywhere", "ids", "immobile", "place", "loose", "spare"})
-PLAIN = frozenset({"scene", "time", "step", "earlier", "lag", "grid", "own_acc"})  # of the state
+ALWAYS = frozenset({"count", "everywhere", "ids", "immobile", "global_index", "unsorted_rows", "spare"})
+PLAIN = frozenset({"scene", "time", "step", "earlier", "lag", "grid", "acc_unshared"})  # of the state
 
 
 class Limit(NamedTuple):

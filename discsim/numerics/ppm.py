@@ -58,7 +58,7 @@ class Tube:
         v, u = gas.vel[:, 0], dust.vel[:, 0]
         energy = density * (gas.u + 0.5 * v * v) if self.adiabatic else np.zeros_like(v)
         cells = np.array([density, density * v, energy, dust_density, dust_density * u])
-        self.everyone = world.together.everyone(gas)  # each process computes all cells, which are few
+        self.everyone = world.processes.everyone(gas)  # each process computes all cells, which are few
         return np.ascontiguousarray(self.everyone.of(cells.T).T)
 
     def write(self, state: State, cells: Array) -> None:

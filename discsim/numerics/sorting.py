@@ -13,28 +13,30 @@ Array = np.ndarray
 
 
 def counting_sort(
-    key: Array, count: int, place: Array | None = None, loose: Array | None = None
+    key: Array, count: int, global_index: Array | None = None, unsorted_rows: Array | None = None
 ) -> tuple[Array, Array]:
     """Return the stable order (n,) by `key` (n,) in [0, count), and the start of each key in it (count + 1,).
 
     n is below 2^32. place (n,): order within a key, by default that of the arrays. loose: rows that break the rising
-    order of `place`, if known.
+    order of `global_index`, if known.
     """
     ends, parts = _count(key, count)
     np.cumsum(ends, out=ends)
     start = ends[::parts].astype(np.int64)
     order = np.empty(len(key), np.uint32)
     parallel_for(kernels.put_in_order, parts, key, parts, ends, order, least=1)
-    if place is not None:
-        some = _behind(key, place, order, start) if loose is None else _keys_of(loose, key, count)
-        parallel_for(kernels.sort_members, len(some), some, start, place, order)
+    if global_index is not None:
+        some = (
+            _behind(key, global_index, order, start) if unsorted_rows is None else _keys_of(unsorted_rows, key, count)
+        )
+        parallel_for(kernels.sort_members, len(some), some, start, global_index, order)
     return order, start
 
 
-def _behind(key: Array, place: Array, order: Array, start: Array) -> Array:
-    """Return the keys whose members are not in the order of their `place` (n,)."""
+def _behind(key: Array, global_index: Array, order: Array, start: Array) -> Array:
+    """Return the keys whose members are not in the order of their `global_index` (n,)."""
     behind = np.empty(len(key) + 1, bool)
-    parallel_for(kernels.find_behind, len(key), place, order, behind)
+    parallel_for(kernels.find_behind, len(key), global_index, order, behind)
     behind[start] = False  # the first member of each key, and the entry beyond the end
     some = key[order[np.flatnonzero(behind)]]
     another = np.ones(len(some), bool)
@@ -59,8 +61,10 @@ def by_ids(key: Array, count: int, ids: Array) -> Array:
 
 def counts(key: Array, count: int) -> Array:
     """Return the number of entries of `key` (n,) equal to each value in [0, count), (count,)."""
-    place, parts = _count(key, count)
-    return sum((place[1 + part :: parts] for part in range(1, parts)), place[1::parts])  # several times as fast as .sum
+    number, parts = _count(key, count)
+    return sum(
+        (number[1 + part :: parts] for part in range(1, parts)), number[1::parts]
+    )  # several times as fast as .sum
 
 
 def _count(key: Array, count: int) -> tuple[Array, int]:
@@ -69,6 +73,6 @@ def _count(key: Array, count: int) -> tuple[Array, int]:
     parts = max(
         1, min(thread_pool.number_of_threads(), len(key) // threads.MIN_CHUNK_CHEAP, 4 * len(key) // max(count, 1024))
     )
-    place = np.zeros(count * parts + 1, np.uint32)
-    parallel_for(kernels.count_keys, parts, key, parts, place, least=1)
-    return place, parts
+    number = np.zeros(count * parts + 1, np.uint32)
+    parallel_for(kernels.count_keys, parts, key, parts, number, least=1)
+    return number, parts

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from discsim.numerics.state import Gas
     from discsim.scene import Scene
 
-NONE, NOBODY = np.empty(0), np.empty(0, np.bool_)
+EMPTY, NONE_IMMOBILE = np.empty(0), np.empty(0, np.bool_)
 PAIRS = {"approaching": APPROACHING, "all": ALL_PAIRS, "reconstructed": RECONSTRUCTED}
 # Lower bound of h, as a density over that of even gas with the mean h. For particles at nearly one position
 # m W(0) h^d exceeds m eta^d at any h, and without a bound h and the step would go to 0. Codes with gravity use a
@@ -65,7 +65,7 @@ class Points(Protocol):
     h: np.ndarray
     density: np.ndarray
     gradh: np.ndarray
-    place: np.ndarray | None
+    global_index: np.ndarray | None
 
     @property
     def count(self) -> int: ...
@@ -130,14 +130,14 @@ class Sph:
     def box_of(self, points: Points) -> tuple[np.ndarray, np.ndarray]:
         if self.periodic:
             return np.zeros(2), self.size
-        return box_about(points.pos, world.together)
+        return box_about(points.pos, world.processes)
 
     def grids_of(self, points: Points) -> tuple[Grids, np.ndarray]:
         """Return grids for the points of all processes, with a margin for growth of h, and size classes (n,)."""
         extent = (1.0 if self.fixed else ROOM) * self.support
         box = self.box_of(points)
         return grids_of(
-            points.pos, points.h, extent, *box, self.periodic, world.together, 1.0 if self.single else STRETCH
+            points.pos, points.h, extent, *box, self.periodic, world.processes, 1.0 if self.single else STRETCH
         )
 
     def cells_of(self, points: Points) -> Cells:
@@ -191,7 +191,7 @@ class Sph:
                 raise FloatingPointError("a smoothing length of the gas is not finite")
             self.settle(gas, vel, h_least)
             # If h is at its lower bound, this bound has to follow from the resulting h, not from the first guess.
-            smallest = world.together.least(float(gas.h.min(initial=np.inf)))
+            smallest = world.processes.least(float(gas.h.min(initial=np.inf)))
             if self.fixed or smallest > h_least or self.least(gas) > 0.9 * h_least:
                 return
 
@@ -224,7 +224,7 @@ class Sph:
             both.refresh(h)
             left = left[outgrown]
             some = self.outgrown(left)
-            if not world.together.most(len(some)):
+            if not world.processes.most(len(some)):
                 break
             widen(some, 1.2 * self.support, h, cells)
             if not self.meets_all(some):
@@ -269,8 +269,8 @@ class Sph:
             both.refresh(array)  # a collective call, also for processes without particles
         optional = [array for array in (u, gas.immobile, gas.nu) if array is not None]
         moving, mass, pressure, sound, *rest = both.of_all([vel, gas.mass, pressure, gas.sound_speed, *optional])
-        energy, nu = NONE if u is None else rest[0], NONE if gas.nu is None else rest[-1]
-        immobile = NOBODY if gas.immobile is None else rest[u is not None]
+        energy, nu = EMPTY if u is None else rest[0], EMPTY if gas.nu is None else rest[-1]
+        immobile = NONE_IMMOBILE if gas.immobile is None else rest[u is not None]
         viscosity, conductivity = self.viscosity, self.conductivity
         alpha, beta = (viscosity.alpha, viscosity.beta) if viscosity else (0.0, 0.0)
         of_step = (viscosity.signal, viscosity.closing) if viscosity else (1.0, 1.0)
@@ -286,7 +286,7 @@ class Sph:
             force_columns, len(mass), Given(moving, mass), found, pressure, sound, energy, nu, *terms,
             alpha, scale, self.cells.order, columns,
         )  # fmt: skip
-        sums, rate = both.beside(acc), NONE if u is None else both.beside(gas.heating_rate)
+        sums, rate = both.beside(acc), EMPTY if u is None else both.beside(gas.heating_rate)
         driver, filled = self.driver(u, nu, self._uneven(gas)), self.cells.filled
         met = self.cells._replace(filled=filled[self.met[filled]])
         given = columns, sound, immobile, sums, rate, strengths, scale
@@ -315,4 +315,4 @@ class Sph:
     def _uneven(self, gas: Gas) -> bool:
         """Return whether masses of gas particles differ."""
         most, least = float(gas.mass.max(initial=0.0)), float(gas.mass.min(initial=np.inf))
-        return bool(world.together.most(most) > world.together.least(least))
+        return bool(world.processes.most(most) > world.processes.least(least))

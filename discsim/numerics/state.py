@@ -56,10 +56,12 @@ class Particles(Summarised):
     mass: Array
     ids: Array
     immobile: Array | None = None
-    place: Array | None = None
+    global_index: Array | None = None
 
     spare = 0  # spare capacity of newly allocated arrays
-    loose = np.empty(0, np.int64)  # rows moved since the last sort, without which `place` rises; may have repeats
+    unsorted_rows = np.empty(
+        0, np.int64
+    )  # rows moved since the last sort, without which `global_index` rises; may have repeats
 
     @property
     def count(self) -> int:
@@ -105,17 +107,17 @@ class Particles(Summarised):
     @property
     def everywhere(self) -> int:
         """Number of particles on all processes."""
-        return int(world.together.sum(self.count))
+        return int(world.processes.sum(self.count))
 
     def sort(self, key: Array, count: int) -> None:
         """Sort every array by `key` (n,) in [0, count), and by ids where keys are equal."""
         from discsim.numerics.sorting import by_ids
 
-        if self.place is not None:  # local keys are a small part of [0, count)
-            self.place[:] = key.astype(np.uint64) << np.uint64(32) | self.ids.astype(np.uint64)
-            world.together.forget()
-            self.take(np.argsort(self.place, kind="stable"))  # runs of rising places make this twice as fast
-            self.loose = self.loose[:0]
+        if self.global_index is not None:  # local keys are a small part of [0, count)
+            self.global_index[:] = key.astype(np.uint64) << np.uint64(32) | self.ids.astype(np.uint64)
+            world.processes.forget()
+            self.take(np.argsort(self.global_index, kind="stable"))  # runs of rising places make this twice as fast
+            self.unsorted_rows = self.unsorted_rows[:0]
             return
         self.take(by_ids(key, count, self.ids))
 
@@ -125,8 +127,10 @@ class Particles(Summarised):
         With several processes this is a collective call, with the local particles to remove.
         """
         gone = np.flatnonzero(gone) if gone.dtype == bool else gone
-        if self.place is not None:
-            self.loose = np.append(self.loose, world.together.close_up(self.place, gone, self.loose))
+        if self.global_index is not None:
+            self.unsorted_rows = np.append(
+                self.unsorted_rows, world.processes.close_up(self.global_index, gone, self.unsorted_rows)
+            )
         self.replace(gone)
 
     def replace(self, leaving: Array, come: dict[str, Array] | None = None) -> None:
@@ -145,8 +149,8 @@ class Particles(Summarised):
                 array[filled] = come[name][:more]
             array[holes] = array[tail]
             setattr(self, name, array[:left] if come is None else self._with(array[:left], come[name][more:]))
-        if self.place is not None:
-            self.loose = np.concatenate([self.loose, filled, holes, np.arange(left, self.count)])
+        if self.global_index is not None:
+            self.unsorted_rows = np.concatenate([self.unsorted_rows, filled, holes, np.arange(left, self.count)])
 
     def _with(self, array: Array, others: Array) -> Array:
         """Return an array (n, ...) with the entries `others` (m, ...) appended, in its spare capacity if possible."""
@@ -166,7 +170,7 @@ class Particles(Summarised):
 
     def copy(self) -> Self:
         same = type(self)(**{name: array.copy() for name, array in self.arrays().items()})
-        same.loose = self.loose
+        same.unsorted_rows = self.unsorted_rows
         return same
 
 
@@ -251,7 +255,7 @@ class State:
     lag: float = 0.0  # time by which `vel` and `u` are behind `pos` between steps: the closing kick that is due
     # If an effect kicks gas and dust together: accelerations (n, dimensions) of each species that the other one at the
     # same position does not have; arrays without entries if there are none.
-    own_acc: dict[str, Array] = field(default_factory=dict)
+    acc_unshared: dict[str, Array] = field(default_factory=dict)
     results: dict[str, Any] = field(default_factory=dict)  # of operators at the present positions, by their names
     ledger: Ledger = field(default_factory=Ledger)
     pace: Pace | None = None  # clock of a sub-cycled effect
@@ -271,7 +275,7 @@ class State:
             gas=self.gas and self.gas.read_only(),
             dust=self.dust and self.dust.read_only(),
             bodies=self.bodies and Bodies(**{name: read_only(array) for name, array in self.bodies.arrays().items()}),
-            own_acc={name: read_only(array) for name, array in self.own_acc.items()},
+            acc_unshared={name: read_only(array) for name, array in self.acc_unshared.items()},
             ledger=deepcopy(self.ledger),
         )
 

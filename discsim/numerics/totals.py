@@ -28,7 +28,7 @@ def total(values: Array) -> float:
 def totals(values: Array) -> Array:
     """Return the sum (columns,) of each column of values (n, columns); NaN if an entry is not finite."""
     values = np.ascontiguousarray(values, float)
-    few = None if len(values) > FEW or world.together.many else _sums_of_few(values)
+    few = None if len(values) > FEW or world.processes.many else _sums_of_few(values)
     return rounded(sum(parallel_for(kernels.add_columns, len(values), values, light=True))) if few is None else few
 
 
@@ -43,12 +43,12 @@ def _sums_of_few(values: Array) -> Array | None:
 
 def mean(values: Array) -> float:
     """Return the mean of values (n,) of all processes, of which there has to be one at least."""
-    return total(values) / int(world.together.sum(len(values)))
+    return total(values) / int(world.processes.sum(len(values)))
 
 
 def rounded(limbs: Array) -> Array:
     """Return the sums (columns,) over processes of limbs (columns, LIMBS) made by `kernels/common/totals.py`."""
-    return np.array([_number(row) for row in world.together.sum(limbs).tolist()])
+    return np.array([_number(row) for row in world.processes.sum(limbs).tolist()])
 
 
 def _number(limbs: list[int]) -> float:

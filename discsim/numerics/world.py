@@ -42,7 +42,7 @@ class Joined(Protocol):
     def own(self) -> Any: ...
 
     @property
-    def place(self) -> Array | None: ...
+    def global_index(self) -> Array | None: ...
 
     def of(self, array: Array) -> Array:
         """Return an array (n, ...) of local particles extended by the entries of ghosts."""
@@ -73,7 +73,7 @@ class Whole:
     """`Fetched` without ghosts, for one process."""
 
     own: Any = slice(None)
-    place: Array | None = None
+    global_index: Array | None = None
 
     def of(self, array: Array) -> Array:
         return array
@@ -109,7 +109,7 @@ class Alone:
         """Return the sum over processes of each of `values`, integers."""
         return values
 
-    def alike(self, do: Callable[[], Any]) -> Any:
+    def raise_together(self, do: Callable[[], Any]) -> Any:
         """Call `do`, which must not communicate, and return its result; raise on all processes if it raises on one."""
         return do()
 
@@ -123,11 +123,11 @@ class Alone:
         """Return `find(pos)`, the least and largest coordinates (2,) of local positions (n, d), or a cached result."""
         return find(pos)
 
-    def close_up(self, place: Array, gone: Array, loose: Array) -> Array:
+    def close_up(self, global_index: Array, gone: Array, unsorted_rows: Array) -> Array:
         """Assign the keys of removed particles to the last ones of all processes, as `Particles.remove` moves these.
 
         gone: local rows to be removed. place (n,): keys of the global order, changed in place; they rise except in the
-        rows `loose`. Return the rows with a new key.
+        rows `unsorted_rows`. Return the rows with a new key.
         """
         raise NotImplementedError("one process has no places")
 
@@ -143,7 +143,7 @@ class Alone:
         """Return the SPH sums over particles of all processes; kind: class of the sums of one process."""
         return kind(scene)
 
-    def sample(self, columns: Array, place: Array | None, some: Array) -> Array:
+    def sample(self, columns: Array, global_index: Array | None, some: Array) -> Array:
         """Return the rows (m, columns) of a subset of the particles of all processes, in the global order.
 
         columns (n, columns): local rows of this subset. place (n,): keys of local particles; some: the local subset.
@@ -151,19 +151,19 @@ class Alone:
         return columns
 
 
-together: Any = Alone()
+processes: Any = Alone()
 
 
 def join(world: Any) -> None:
     """Install `world` as the communication of this process."""
-    global together
-    together = world
+    global processes
+    processes = world
 
 
 @contextmanager
 def apart() -> Iterator[None]:
     """Communicate with no other process within the context, for work that every process does in full."""
-    joined = together
+    joined = processes
     join(Alone())
     try:
         yield

@@ -18,7 +18,7 @@ def led(comm: Comm, do: Callable[[], Any]) -> Any:
     return value
 
 
-def alike(comm: Comm, do: Callable[[], Any]) -> Any:
+def raise_together(comm: Comm, do: Callable[[], Any]) -> Any:
     """Call `do` on each rank and return its own result, or raise the exception of the first rank that has one on all.
 
     `do` must not wait for other ranks.

@@ -135,29 +135,29 @@ class Division:
         """Keep own particles alone, where each rank starts with all of them."""
         spare = self._spare([p.count for p in state.species.values()])
         for name, p in state.species.items():
-            p.place = np.arange(p.count, dtype=np.uint64)
+            p.global_index = np.arange(p.count, dtype=np.uint64)
             own = self.within(p.pos, self.owner == self.comm.rank, bounds_of(p.pos))
             p.spare = int(spare * len(own))
             p.take(own)
-            acc = state.own_acc.get(name)  # of a resumed run
+            acc = state.acc_unshared.get(name)  # of a resumed run
             if acc is not None and len(acc) > 0:
-                state.own_acc[name] = acc[own]
+                state.acc_unshared[name] = acc[own]
 
     def deal(self, state: State) -> None:
         """Send particles to their owners, where each rank starts with a range of rows, in the order of ranks."""
         spare = self._spare([int(self.comm.reduced(p.count, MPI.SUM)) for p in state.species.values()])
         for name, p in state.species.items():
             before = self.comm.mpi.exscan(p.count) or 0
-            p.place = np.arange(before, before + p.count, dtype=np.uint64)
+            p.global_index = np.arange(before, before + p.count, dtype=np.uint64)
             owner = self.owner[self.tile_of(p.pos)]
             route = Route(self.comm, by_rank(np.arange(p.count), owner, self.comm.size))
-            order = np.argsort(route.send(p.place))
+            order = np.argsort(route.send(p.global_index))
             p.spare = int(spare * len(order))
             for array_name, array in p.arrays().items():
                 held = alloc.allocate(len(order), array, p.spare)
                 setattr(p, array_name, np.take(route.send(array), order, axis=0, out=held))
-            if name in state.own_acc and self.comm.mpi.allreduce(len(state.own_acc[name])) > 0:
-                state.own_acc[name] = route.send(state.own_acc[name])[order]
+            if name in state.acc_unshared and self.comm.mpi.allreduce(len(state.acc_unshared[name])) > 0:
+                state.acc_unshared[name] = route.send(state.acc_unshared[name])[order]
 
     def settle(self, species: dict[str, Particles]) -> None:
         """Send particles that have moved to their owners."""
@@ -171,9 +171,9 @@ class Division:
         if self.comm.reduced(len(away), MPI.MAX):
             owner = self.owner[self.tile_of(particles.pos[away])]
             route = Route(self.comm, by_rank(away, owner, self.comm.size))
-            arrays, known = particles.arrays(), len(particles.loose)
+            arrays, known = particles.arrays(), len(particles.unsorted_rows)
             particles.replace(away, dict(zip(arrays, route.send_all([*arrays.values()]), strict=True)))
-            bounds = bounds_anew(bounds, particles.pos, particles.loose[known:])
+            bounds = bounds_anew(bounds, particles.pos, particles.unsorted_rows[known:])
         self._known.append((weakref.ref(particles.pos), bounds))
 
 

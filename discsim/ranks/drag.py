@@ -113,13 +113,13 @@ class DividedDrag(Engine):
             extended |= zip(sent, wide.of_all([arrays[name] for name in sent]), strict=True)
             if "acc" not in reads:
                 extended["acc"] = wide.beside(each.acc)
-            order = wide.place, wide.loose, wide.local
+            order = wide.global_index, wide.unsorted_rows, wide.local
             found.append(type(each)(**extended, **dict(zip(each._fields[-3:], order, strict=True))))
         return tuple(found)
 
     def _everyone(self, state: Seen) -> list[Any]:
         """Fetch all particles: a pair's exchange depends on other pairs, and through these on all ranks."""
-        return [world.together.everyone(p) for p in state.species.values()]
+        return [world.processes.everyone(p) for p in state.species.values()]
 
     def _ghosts(self, state: State, gas: Gas, dust: Dust, rule: CellRule, frame: Frame) -> tuple[Layout, list[Any]]:
         """Fetch the particles of the blocks that local particles depend on, and return the layout of these blocks."""
@@ -135,7 +135,7 @@ class DividedDrag(Engine):
             # Nodes are of one level: a block depends on others of its own side, up to `rings` + 2 away.
             widest = int(blocks.level[own].max(initial=0))
             away = -(-(rings + 2 << widest) // MOST) if rings >= 0 else 0
-            if self.leaves.suffices(world.together.most(away)):
+            if self.leaves.suffices(world.processes.most(away)):
                 break
         needed = own if rings < 0 else _needed(blocks, lattice, own, away, rings, self.dim == 1)
         asked = asked_of(self.comm, Needed(np.append(needed, False), *numbers_of(blocks, lattice)))

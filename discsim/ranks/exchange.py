@@ -23,9 +23,9 @@ SPARE = 8  # spare memory for ghosts: 1 / SPARE more than present
 
 
 class Placed(Protocol):
-    """Protocol of particles with an index in the global order, `place`."""
+    """Protocol of particles with an index in the global order, `global_index`."""
 
-    place: Array | None
+    global_index: Array | None
 
     @property
     def count(self) -> int: ...
@@ -41,9 +41,9 @@ class Wide:
     def __init__(self, particles: Placed, route: Route, lasting: bool = False) -> None:
         self.route, self._held, self._lasting = route, particles.count, lasting
         self.count = self._held + route.count
-        self._own_place = particles.place
+        self._own_place = particles.global_index
         self._place: Array | None = None
-        self._own_loose = getattr(particles, "loose", None)  # there are none of points that are not particles
+        self._own_loose = getattr(particles, "unsorted_rows", None)  # there are none of points that are not particles
         if hasattr(particles, "spare") and not lasting:
             particles.spare = max(particles.spare, route.count + route.count // SPARE)
 
@@ -56,8 +56,8 @@ class Wide:
         return self._held
 
     @property
-    def loose(self) -> Array:
-        """Rows of combined arrays that break the rising order of `place`."""
+    def unsorted_rows(self) -> Array:
+        """Rows of combined arrays that break the rising order of `global_index`."""
         assert self._own_loose is not None
         own = self._own_loose[self._own_loose < self._held]
         return np.concatenate([own, np.arange(self._held, self.count)])
@@ -67,7 +67,7 @@ class Wide:
         return some[some < self._held]
 
     @property
-    def place(self) -> Array:
+    def global_index(self) -> Array:
         """Indices (n,) in the global order. Collective, unless they came with other arrays."""
         if self._place is None:
             self._place = self.of(self._own_place)
@@ -79,7 +79,7 @@ class Wide:
         return both
 
     def of_all(self, arrays: list[Array]) -> list[Array]:
-        given = [*arrays, self._own_place] if self._place is None else arrays  # `place` comes with them
+        given = [*arrays, self._own_place] if self._place is None else arrays  # `global_index` comes with them
         out = [self.beside(array) for array in given]
         self.route.send_all(given, [both[self._held :] for both in out])
         if self._place is None:
@@ -104,12 +104,12 @@ class Wide:
 class Ordered:
     """`world.Joined` on several ranks: arrays in the global order. own (n,): rows of own particles in them."""
 
-    place, loose = None, np.empty(0, np.int64)
+    global_index, unsorted_rows = None, np.empty(0, np.int64)
 
     def __init__(self, wide: Wide) -> None:
         self._wide = wide
         # Nearly in order, which makes a stable sort fast.
-        self._order = np.argsort(wide.place, kind="stable")
+        self._order = np.argsort(wide.global_index, kind="stable")
 
     @cached_property
     def own(self) -> Array:

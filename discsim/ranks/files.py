@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from mpi4py import MPI
 
 from discsim.output import hdf5, parts
-from discsim.ranks.agreed import alike, led
+from discsim.ranks.agreed import led, raise_together
 from discsim.ranks.comm import Comm
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ def write(comm: Comm, path: Path, divided: bool, fill: Callable[[Any], None], be
     stem, made = led(comm, lambda: (parts.stem_of(path, before), os.urandom(8).hex()))
     part = parts.Part(path, stem, comm.rank, made)
     try:
-        alike(comm, lambda: fill(part.create))
+        raise_together(comm, lambda: fill(part.create))
         lengths = comm.mpi.gather(part.lengths)
         led(comm, lambda: part.join(path, before, lengths))
     except Exception:

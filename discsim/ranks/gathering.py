@@ -23,7 +23,7 @@ class Gathering:
     by: "place", the order in memory of one process, or "ids". divided: each rank gets a range of the rows.
     """
 
-    def __init__(self, comm: Comm, particles: Particles, by: str = "place", divided: bool = False) -> None:
+    def __init__(self, comm: Comm, particles: Particles, by: str = "global_index", divided: bool = False) -> None:
         key = getattr(particles, by)
         owner = np.searchsorted(_cuts(comm, key), key, side="right") if divided else np.zeros(len(key), np.int64)
         self.route = Route(comm, [np.flatnonzero(owner == rank) for rank in range(comm.size)])
@@ -35,7 +35,7 @@ class Gathering:
 
     def particles(self, particles: Any, wanted: Collection[str] | None = None) -> Any:
         """Return the particles received; arrays not `wanted` have no entries."""
-        held = {name: array for name, array in particles.arrays().items() if name != "place"}
+        held = {name: array for name, array in particles.arrays().items() if name != "global_index"}
         every = wanted is None
         return type(particles)(
             **{name: self.array(a) if every or name in wanted else a[:0] for name, a in held.items()}
@@ -56,27 +56,27 @@ def _cuts(comm: Comm, key: Array) -> Array:
 
 
 def gathered(
-    comm: Comm, state: State, by: str = "place", divided: bool = False, wanted: Collection[str] | None = None
+    comm: Comm, state: State, by: str = "global_index", divided: bool = False, wanted: Collection[str] | None = None
 ) -> State:
     """Return a state with the particles received: all on the leading rank, or a range of rows on each rank.
 
-    wanted: names of arrays. All others, and `own_acc`, the accelerations of one species alone, have no entries. None:
-    all.
+    wanted: names of arrays. All others, and `acc_unshared`, the accelerations that gas and dust do not share, have no
+    entries. None: all.
     """
     found: dict[str, Any] = {}
-    own_acc = {}
+    acc_unshared = {}
     for name, p in state.species.items():
         gathering = Gathering(comm, p, by, divided)
         found[name] = gathering.particles(p, wanted)
-        if name in state.own_acc and wanted is None:
-            acc = state.own_acc[name]
+        if name in state.acc_unshared and wanted is None:
+            acc = state.acc_unshared[name]
             empty = comm.mpi.allreduce(len(acc)) == 0
-            own_acc[name] = acc[:0] if empty else gathering.array(acc)
-    return replace(state, own_acc=own_acc, **found)
+            acc_unshared[name] = acc[:0] if empty else gathering.array(acc)
+    return replace(state, acc_unshared=acc_unshared, **found)
 
 
 def gathered_columns(
-    comm: Comm, state: State, extra: dict[str, dict[str, Any]], by: str = "place", divided: bool = False
+    comm: Comm, state: State, extra: dict[str, dict[str, Any]], by: str = "global_index", divided: bool = False
 ) -> dict[str, dict[str, Any]]:
     """Return columns of effects in the order of output, by species and name, as snapshots take them."""
     out: dict[str, dict[str, Any]] = {}

@@ -29,7 +29,7 @@ from discsim.ranks.slabs import Slabs
 from discsim.ranks.windows import Rows, Windows
 
 Array = np.ndarray
-NOBODY = np.empty(0, np.int64)
+NO_ROWS = np.empty(0, np.int64)
 Pieces = tuple[Array, Array]  # of rows: first rows and ends, as `Grid.deposit` takes them
 
 
@@ -76,21 +76,21 @@ class Nodes:
         rows, whose = (joined([each[k] for each in found]) for k in range(2))
         wide = Wide(particles, Route(self.comm, by_rank(rows, whose, self.comm.size)))
         pos, mass = wide.of_all([pos, particles.mass])
-        bounds = bounds_anew(self.division.bounds(particles.pos), pos, NOBODY)
-        return About(pos, bounds, mass, _in_order(wide.place, particles.count, particles.loose))
+        bounds = bounds_anew(self.division.bounds(particles.pos), pos, NO_ROWS)
+        return About(pos, bounds, mass, _in_order(wide.global_index, particles.count, particles.unsorted_rows))
 
 
-def _in_order(place: Array, held: int, loose: Array) -> Pieces:
-    """Return rows by their `place` (n,), as pieces.
+def _in_order(global_index: Array, held: int, unsorted_rows: Array) -> Pieces:
+    """Return rows by their `global_index` (n,), as pieces.
 
-    The places of the first `held` rows rise, except for the `loose` rows.
+    The places of the first `held` rows rise, except for the `unsorted_rows` rows.
     """
-    loose = rising(loose[loose < held])
-    others = np.concatenate([loose, np.arange(held, len(place))])
-    in_order = np.argsort(place[others], kind="stable")  # 3 times as fast, as places mostly rise
-    first, last, rises = rows_in_global_order(place, held, loose, others[in_order])
+    unsorted_rows = rising(unsorted_rows[unsorted_rows < held])
+    others = np.concatenate([unsorted_rows, np.arange(held, len(global_index))])
+    in_order = np.argsort(global_index[others], kind="stable")  # 3 times as fast, as places mostly rise
+    first, last, rises = rows_in_global_order(global_index, held, unsorted_rows, others[in_order])
     if not rises:  # arrays in another order
-        first = np.argsort(place)
+        first = np.argsort(global_index)
         last = first + 1
     return first, last
 

@@ -48,7 +48,7 @@ class Leaves(OneRank):
 
     def part_of(self, lattice: Lattice, shift: Array, positions: Sequence[Array]) -> Lattice:
         self._held, some = None, [pos for pos in positions if len(pos) > 0]
-        held = [world.together.corners(pos, corners) for pos in some] or [(np.zeros(2), np.zeros(2))]
+        held = [world.processes.corners(pos, corners) for pos in some] or [(np.zeros(2), np.zeros(2))]
         low, high = np.min([low for low, _ in held], axis=0), np.max([high for _, high in held], axis=0)
         ends = np.floor((np.stack([low, high]) - lattice.origin) / lattice.side + shift)
         ends = np.where(np.isfinite(ends), ends, 0.0) + np.array([[-1.0], [1.0]])  # with a margin for rounding

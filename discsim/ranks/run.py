@@ -26,7 +26,7 @@ from discsim.output.parts import tidy
 from discsim.output.snapshot import write_snapshot
 from discsim.printable import printable
 from discsim.ranks import files
-from discsim.ranks.agreed import alike, led
+from discsim.ranks.agreed import led, raise_together
 from discsim.ranks.begin import divide
 from discsim.ranks.comm import Comm
 from discsim.ranks.gathering import gathered, gathered_columns
@@ -148,7 +148,7 @@ class DividedRun(Run):
         return Simulation(self.scene, begun=begun(self.comm, self.scene, to_restore))
 
     def _restore(self, path: Path) -> Values:
-        return alike(self.comm, lambda: self.sim.restore(path, (self.comm.rank, self.comm.size)))
+        return raise_together(self.comm, lambda: self.sim.restore(path, (self.comm.rank, self.comm.size)))
 
     def _take_up_rows(self, values: Values) -> list[str]:
         return list(self.led(lambda: super(DividedRun, self)._take_up_rows(values)))
@@ -158,7 +158,7 @@ class DividedRun(Run):
         self.ranks = divide(self.sim, self.comm, alike=False)
 
     def _add_row(self) -> None:
-        alike(self.comm, super()._add_row)  # for errors after the collective part
+        raise_together(self.comm, super()._add_row)  # for errors after the collective part
 
     def _must_save(self) -> bool:
         return bool(self.ranks.most(super()._must_save()))

@@ -72,7 +72,7 @@ class DividedSph(Sph):
         wide = in_cells(self.comm, points, key, asked_of(self.comm, Needed(needed, numbers, numbers + 1)))
         pos, h, mass, classes = wide.of_all([points.pos, points.h, points.mass, classes])
         key = np.concatenate([key, keys_in(grids, classes[points.count :], pos[points.count :])])
-        cells = cells_in(grids, classes, pos, h, wide.place, key)
+        cells = cells_in(grids, classes, pos, h, wide.global_index, key)
         self.ghosts = np.flatnonzero(cells.order >= points.count)  # their indices in cell order
         self.alone = needed
         self.alone[cells.key[cells.order[self.ghosts]]] = False
@@ -91,7 +91,7 @@ class DividedSph(Sph):
         Each rank tests its own cells. Cells that reach only cells without ghosts may be wider than the halo.
         """
         some = self.left[~cells_within_halo(self.left, self.cells, self.alone)]
-        self.needed = max(self.needed, world.together.most(self._widest(some)))
+        self.needed = max(self.needed, world.processes.most(self._widest(some)))
         return self.needed <= self.room
 
     def _widest(self, some: Array) -> float:

@@ -10,7 +10,7 @@ from mpi4py import MPI
 
 from discsim.effects.base import to_sort
 from discsim.numerics.world import Fetched, Joined, Needed
-from discsim.ranks.agreed import alike
+from discsim.ranks.agreed import raise_together
 from discsim.ranks.comm import Comm
 from discsim.ranks.division import COST, Division
 from discsim.ranks.exchange import Ordered, Wide, asked_of, in_cells, rising, route_to
@@ -44,8 +44,8 @@ class Ranks:
     def sum(self, values: Any) -> Any:
         return self.comm.reduced(values, MPI.SUM)
 
-    def alike(self, do: Callable[[], Any]) -> Any:
-        return alike(self.comm, do)
+    def raise_together(self, do: Callable[[], Any]) -> Any:
+        return raise_together(self.comm, do)
 
     def divide(self, state: State, alike: bool = True) -> None:
         """Send particles to their owners.
@@ -75,15 +75,15 @@ class Ranks:
         columns = np.ascontiguousarray(bounds.T)  # 10 times as fast in numpy as four numbers a row
         return columns[0::2].min(axis=1), columns[1::2].max(axis=1)
 
-    def close_up(self, place: Array, gone: Array, loose: Array) -> Array:
-        removed = np.concatenate(self.comm.listed(place[gone]))
-        end = _largest(place, len(removed), loose)
-        last, gone_too = (np.concatenate(self.comm.listed(each)) for each in (place[end], np.isin(end, gone)))
+    def close_up(self, global_index: Array, gone: Array, unsorted_rows: Array) -> Array:
+        removed = np.concatenate(self.comm.listed(global_index[gone]))
+        end = _largest(global_index, len(removed), unsorted_rows)
+        last, gone_too = (np.concatenate(self.comm.listed(each)) for each in (global_index[end], np.isin(end, gone)))
         order = np.argsort(last)[max(len(last) - len(removed), 0) :]
         movers = last[order][~gone_too[order]]
         holes = np.sort(removed)[: len(movers)]
-        mine = end[np.isin(place[end], movers)]
-        place[mine] = holes[np.searchsorted(movers, place[mine])]
+        mine = end[np.isin(global_index[end], movers)]
+        global_index[mine] = holes[np.searchsorted(movers, global_index[mine])]
         return mine
 
     def _weigh(self, state: State) -> None:
@@ -101,24 +101,24 @@ class Ranks:
     def sph(self, kind: Any, scene: Scene) -> DividedSph:
         return DividedSph(scene, self.comm)
 
-    def sample(self, columns: Array, place: Array | None, some: Array) -> Array:
-        assert place is not None
+    def sample(self, columns: Array, global_index: Array | None, some: Array) -> Array:
+        assert global_index is not None
         with self.comm.traffic.call((self.comm.size - 1) * columns.nbytes, self.comm.size - 1):
-            found = self.comm.mpi.allgather((place[some], columns))
+            found = self.comm.mpi.allgather((global_index[some], columns))
         return np.concatenate([rows for _, rows in found])[np.argsort(np.concatenate([at for at, _ in found]))]
 
 
-def _largest(values: Array, number: int, loose: Array) -> Array:
+def _largest(values: Array, number: int, unsorted_rows: Array) -> Array:
     """Return the rows of the `number` largest of `values` (n,), in any order.
 
-    The values rise, except in the rows `loose`.
+    The values rise, except in the rows `unsorted_rows`.
     """
     if number == 0:
-        return loose[:0]
+        return unsorted_rows[:0]
     count = len(values)
-    loose = rising(loose[loose < count])
-    begin = max(0, count - number - len(loose))  # the largest that are not loose are from there on
+    unsorted_rows = rising(unsorted_rows[unsorted_rows < count])
+    begin = max(0, count - number - len(unsorted_rows))  # the largest that are not loose are from there on
     rises = np.ones(count - begin, bool)
-    rises[loose[np.searchsorted(loose, begin) :] - begin] = False
-    some = np.concatenate([loose, begin + np.flatnonzero(rises)[-number:]])
+    rises[unsorted_rows[np.searchsorted(unsorted_rows, begin) :] - begin] = False
+    some = np.concatenate([unsorted_rows, begin + np.flatnonzero(rises)[-number:]])
     return some if len(some) <= number else some[np.argpartition(values[some], -number)[-number:]]

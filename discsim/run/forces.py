@@ -120,13 +120,15 @@ class _Sums:
         return found
 
     def merge(self) -> None:
-        """Store the sum of all accelerations in `acc`, and the unshared ones in `own_acc`."""
+        """Store the sum of all accelerations in `acc`, and the unshared ones in `acc_unshared`."""
         state = self.state
         for array in self._blank.values():
             _set_to_zero(array)
         if not self.apart:
             return
-        state.own_acc = {name: self.acc.get(f"{name}.acc_unshared", p.acc[:0]) for name, p in state.species.items()}
+        state.acc_unshared = {
+            name: self.acc.get(f"{name}.acc_unshared", p.acc[:0]) for name, p in state.species.items()
+        }
         for name, p in state.species.items():
             unshared = self.acc.get(f"{name}.acc_unshared")
             if unshared is p.acc:
@@ -150,7 +152,7 @@ def add_forces(state: State, plan: Plan, costs: Costs) -> None:
     for _, operator in [*plan[Slot.FIELD], *plan[Slot.KICK_INPUT]]:
         state.results.pop(operator.name, None)  # those of earlier positions
     try:
-        if not several_threads() or world.together.many:
+        if not several_threads() or world.processes.many:
             _add_all(state, plan, costs)
             return
         run_concurrently(*(partial(_make, state, *each, costs) for each in plan[Slot.FIELD]))
@@ -233,7 +235,7 @@ def limits_of(state: State, plan: Plan, costs: Costs) -> tuple[dict[str, float],
         each[1, k] = min((limit.growing for limit in noticed.values()), default=math.inf)
         # The limit of dust is 1 / frequency. A circular orbit keeps its energy to 12% in such steps, to 1% in half.
         each[2, k] = of_effect.get("dust", none).growing / GROWS if unnoticed else math.inf
-    steps, growing, dust = (dict(zip(found, row, strict=True)) for row in world.together.least(each).tolist())
+    steps, growing, dust = (dict(zip(found, row, strict=True)) for row in world.processes.least(each).tolist())
     least = Limits(*_least(steps), growing=min(growing.values()))
     if unnoticed:
         longest, by = _least(dust)

@@ -74,7 +74,7 @@ class Reversals:
         kicks = np.sqrt((second**2).sum(axis=1)) * (self.seen[2].time - self.seen[1].time)
         beyond = kicks > KICKED * self.seen[2].sound_speed[rows[2]]
         counts = np.array([len(ids), np.count_nonzero(cosine < REVERSED), np.count_nonzero(beyond)])
-        number, reversals, beyonds = world.together.sum(counts)
+        number, reversals, beyonds = world.processes.sum(counts)
         if 2 * reversals > number and 2 * beyonds > number:
             key = "courant" if state.scene.run.timestep is None else "timestep"
             raise PhysicsError(
@@ -111,7 +111,7 @@ def check_entries(state: State, effects: Effects) -> None:
         if lost := [f.name for f in fields(p) if f.default is MISSING and f.name not in held]:
             raise EntryError(f"{name}.{lost[0]} is None; expected an array")
         count = check_arrays(name, held, dimensions)
-        forces = state.own_acc.get(name)
+        forces = state.acc_unshared.get(name)
         if forces is not None and len(forces) not in (0, count):
             raise EntryError(f"{name} has {count} particles, but had {len(forces)} before; expected the same number")
     if state.bodies is not None:
@@ -157,7 +157,7 @@ def check_dust_step(state: State, effects: Effects, limits: Limits, dt: float) -
         return
     dust, name, which, remedy = state.dust, limits.dust_by, "a dust particle", ""
     assert dust is not None
-    if not world.together.many:
+    if not world.processes.many:
         i, remedy = limit_of_dust(effects[name], state)
         remedy = remedy and f"{remedy}, or "
         which = f"dust particle {dust.ids[i]} at r = {np.linalg.norm(dust.pos[i]):.3g}"
@@ -222,7 +222,7 @@ def _check_finite(
 
 def _culprit(state: State, effects: Effects, species: str, i: int) -> str:
     """Return a remark on the first effect whose acceleration of particle `i` of a species is not finite."""
-    if world.together.many:
+    if world.processes.many:
         return ""  # effects make collective calls, and other processes have not found a fault
     for name, effect in effects.items():
         try:

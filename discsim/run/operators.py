@@ -44,7 +44,7 @@ class Operators:
     def take_back(self) -> None:
         """Check arrays that a caller had access to, and drop results from their earlier values. Raises ValueError."""
         self._check(guards.check_entries)
-        world.together.forget()
+        world.processes.forget()
         for _, operator in self.plan[Slot.KICK_INPUT]:
             self.state.results.pop(operator.name, None)
         self.shown = False
@@ -67,7 +67,7 @@ class Operators:
         except FloatingPointError as fault:
             raise PhysicsError(str(fault)) from fault
         self._run(Slot.MOVE, dt)
-        world.together.forget()
+        world.processes.forget()
 
     def events(self) -> None:
         if to_sort(self.state.step):
@@ -96,12 +96,12 @@ class Operators:
                 run(self.state, *given)
 
         each = [partial(do, name, operator.run) for name, operator in self.plan[slot]]
-        for together in [[one] for one in each] if world.together.many else [each]:
+        for together in [[one] for one in each] if world.processes.many else [each]:
             run_concurrently(*together)
 
     def forces(self) -> None:
         """Compute the accelerations of all effects at the present positions, and their step limits."""
-        world.together.settle(self.state)
+        world.processes.settle(self.state)
         forces.add_forces(self.state, self.plan, self.costs)
         limits, self.limits = forces.limits_of(self.state, self.plan, self.costs)
         self._check(guards.check_forces, limits)
@@ -109,4 +109,4 @@ class Operators:
 
     def _check(self, guard: Callable[..., None], *more: Any) -> None:
         """Call a guard, and raise its exception on all processes if it raises on one."""
-        world.together.alike(lambda: guard(self.state, self.effects, *more))
+        world.processes.raise_together(lambda: guard(self.state, self.effects, *more))

@@ -127,8 +127,8 @@ class Progress:
                 left = elapsed * max(until - state.time, 0.0) / (state.time - begun)
                 facts["speed"] = f"{(state.step - step) / elapsed:.3g} steps/s"
                 facts["left"] = f"{clock(left)} left"
-        if world.together.many:
-            facts["load"] = f"busiest rank {world.together.balance:.2f} times the mean load"
+        if world.processes.many:
+            facts["load"] = f"busiest rank {world.processes.balance:.2f} times the mean load"
         return facts
 
     def _frame(self, state: State, dt: float, set_by: str) -> None:

@@ -45,7 +45,7 @@ def restored(state: State, effects: Effects, groups: Groups, values: Values) -> 
     particles = {name: _particles(state, name, groups[name]) for name in state.species}
     time = values.number("time", start_time(state.scene))
     of_state = {
-        "own_acc": _own_acc(state, effects, groups["own_acc"], particles),
+        "acc_unshared": _acc_unshared(state, effects, groups["own_acc"], particles),
         "ledger": _ledger(groups["ledger"]),
         "bodies": None if state.bodies is None else _bodies(state.bodies, groups["bodies"], time),
         "time": time,
@@ -74,7 +74,7 @@ def _particles(state: State, name: str, held: dict[str, Array]) -> dict[str, Arr
     return arrays
 
 
-def _own_acc(state: State, effects: Effects, held: dict[str, Array], particles: Groups) -> dict[str, Array]:
+def _acc_unshared(state: State, effects: Effects, held: dict[str, Array], particles: Groups) -> dict[str, Array]:
     """Return the checked accelerations that gas and dust do not share: of all particles of a species, or of none."""
     wanted = set(particles) if kick_effect(effects) is not None else set()
     if held.keys() != wanted:

@@ -414,7 +414,7 @@ class Simulation(Summarised):
         state = self._open or self.state
         guards.check_entries(state, self.effects)
         groups = {name: p.arrays() for name, p in state.species.items()}
-        groups["own_acc"] = state.own_acc
+        groups["own_acc"] = state.acc_unshared
         groups["ledger"] = {name: np.atleast_1d(value) for name, value in asdict(state.ledger).items()}
         if state.bodies is not None:
             groups["bodies"] = state.bodies.arrays()

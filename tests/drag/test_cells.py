@@ -123,7 +123,7 @@ def test_nodes_heat_the_gas_by_what_is_lost(coefficient):
     tables["initial"] = None
     sim = Simulation(tables, particles=given)
     sim._prepare()
-    for rates in (sim.gas.acc, sim.state.own_acc["gas"], sim.gas.heating_rate, sim.gas.pressure_acc):
+    for rates in (sim.gas.acc, sim.state.acc_unshared["gas"], sim.gas.heating_rate, sim.gas.pressure_acc):
         rates[:] = 0.0
 
     def motion():

@@ -357,7 +357,7 @@ def test_a_force_linear_in_space_has_its_terminal_velocity_at_once(slopes, schem
     sim = Simulation(tables, particles=given)
     sim._prepare()
     force = np.array([0.3, -0.2]) + sim.dust.pos @ slopes
-    sim.dust.acc[:] = sim.state.own_acc["dust"][:] = force
+    sim.dust.acc[:] = sim.state.acc_unshared["dust"][:] = force
     sim.operators.kick(1.0)
     inside = np.abs(sim.dust.pos).max(axis=1) < 0.6
     assert inside.sum() > 400
@@ -424,7 +424,7 @@ def test_a_cell_keeps_the_torque_of_what_its_dust_alone_feels():
         sim.state.step = step
         sim._prepare()
         force = sim.dust.pos @ [[-0.4, -1.0], [1.5, 0.2]]
-        sim.dust.acc[:] = sim.state.own_acc["dust"][:] = force
+        sim.dust.acc[:] = sim.state.acc_unshared["dust"][:] = force
         sim.operators.kick(0.3)
         gas, dust = spin(sim.gas, sim.gas.vel), spin(sim.dust, sim.dust.vel)
         lost.append(abs(gas + dust - 0.3 * spin(sim.dust, force)))

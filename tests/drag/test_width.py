@@ -120,7 +120,7 @@ def test_dust_drifts_past_coarse_gas(seed):
                 for p, out in ((sim.dust, seen), (sim.gas, wind)):
                     r = np.hypot(*p.pos.T)
                     near = np.abs(r - MIDDLE) < 0.4
-                    radial = p.vel if p is sim.dust else sim.state.own_acc["gas"]
+                    radial = p.vel if p is sim.dust else sim.state.acc_unshared["gas"]
                     unit = 0.08**2 * (MASS / r) ** 0.5 if p is sim.dust else 2 * 0.08**2 * MASS / r**2
                     out.append(((radial * p.pos).sum(axis=1) / r)[near].sum() / unit[near].sum())
             return False

@@ -184,4 +184,4 @@ def test_drag_knows_what_each_species_feels_alone(monkeypatch, start, scene, thr
         whole = sum(acc[k] for acc in each.values())
         near = {"rtol": 0.0, "atol": 1e-6 * max(np.abs(acc[k]).max() for acc in each.values())}
         np.testing.assert_allclose(p.acc, whole, **near)
-        np.testing.assert_allclose(sim.state.own_acc[name] if np.any(own) else 0.0 * own, own, **near)
+        np.testing.assert_allclose(sim.state.acc_unshared[name] if np.any(own) else 0.0 * own, own, **near)

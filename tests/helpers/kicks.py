@@ -20,7 +20,7 @@ def kicked(scheme, particles, coefficient, dt, step=0, law="constant", **drag):
     )  # fmt: skip
     sim.state.step = step
     sim._prepare()
-    for rates in (sim.gas.acc, sim.dust.acc, sim.state.own_acc["gas"]):
+    for rates in (sim.gas.acc, sim.dust.acc, sim.state.acc_unshared["gas"]):
         rates[:] = 0.0
     sim.operators.kick(dt)
     return [p.vel[np.argsort(p.ids)] for p in (sim.gas, sim.dust)]

@@ -52,7 +52,7 @@ def kicked(scheme, dt=0.01, eos=ISOTHERMAL, given=None, law=None, boundary="open
     sim._prepare()
     for p in sim.state.species.values():
         p.acc[:] = 0.0
-    sim.state.own_acc["gas"][:] = 0.0
+    sim.state.acc_unshared["gas"][:] = 0.0
     if sim.gas.u is not None:
         sim.gas.heating_rate[:] = sim.gas.pressure_acc[:] = 0.0
     return sim, lambda: sim.operators.kick(dt)

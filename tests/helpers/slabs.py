@@ -54,7 +54,7 @@ def particles(lie, sides, number, seed, dim):
         "clump": lambda: 0.01 * rng.random((number, 2)) + 0.2,
     }
     out = cloud(places[lie]()[:, :dim], rng.random(number) + 0.1, dim)
-    out.place = np.arange(number, dtype=np.uint64)
+    out.global_index = np.arange(number, dtype=np.uint64)
     return out
 
 

@@ -10,7 +10,7 @@ def dust(count, spare):
     values = np.random.default_rng(2).random((count, 2))
     held = Dust(
         pos=values, vel=values.copy(), acc=values.copy(), mass=values[:, 0].copy(), ids=np.arange(count),
-        species=np.zeros(count, np.int64), place=np.arange(count, dtype=np.uint64),
+        species=np.zeros(count, np.int64), global_index=np.arange(count, dtype=np.uint64),
     )  # fmt: skip
     held.spare = spare
     held.take(np.arange(count))

@@ -60,7 +60,7 @@ def test_what_is_known_of_places_goes_when_they_move(tmp_path, monkeypatch):
         def forget(self):
             forgotten.append(sim.gas.pos.copy())
 
-    monkeypatch.setattr(world, "together", Noting())
+    monkeypatch.setattr(world, "processes", Noting())
     sim.operators.forces()
     sim.operators.shown = True
     for expected in (1, 1):

@@ -344,16 +344,16 @@ def test_rows_by_their_places_in_few_pieces():
     rng = np.random.default_rng(12)
     place = np.sort(rng.choice(1 << 40, 5000, replace=False)).astype(np.uint64)
     arrays = {name: np.zeros((5000, 2)) for name in ("pos", "vel", "acc")}
-    own = Particles(**arrays, mass=np.zeros(5000), ids=np.arange(5000), place=place.copy())
+    own = Particles(**arrays, mass=np.zeros(5000), ids=np.arange(5000), global_index=place.copy())
     for leaving, coming in ((30, 10), (5, 40), (20, 20), (0, 3)):
         come = {name: np.zeros((coming, *array.shape[1:]), array.dtype) for name, array in own.arrays().items()}
-        come["place"] = rng.choice(1 << 40, coming, replace=False).astype(np.uint64)
+        come["global_index"] = rng.choice(1 << 40, coming, replace=False).astype(np.uint64)
         own.replace(np.sort(rng.choice(own.count, leaving, replace=False)), come)
-    own.place[[60, 61, 4000]] = rng.choice(1 << 40, 3)
-    own.loose = np.append(own.loose, [60, 61, 4000])
+    own.global_index[[60, 61, 4000]] = rng.choice(1 << 40, 3)
+    own.unsorted_rows = np.append(own.unsorted_rows, [60, 61, 4000])
     ghosts = rng.choice(1 << 40, 50).astype(np.uint64)
-    both = np.concatenate([own.place, ghosts])
-    first, last = _in_order(both, own.count, own.loose)
+    both = np.concatenate([own.global_index, ghosts])
+    first, last = _in_order(both, own.count, own.unsorted_rows)
     rows = np.concatenate([np.arange(a, b) for a, b in zip(first, last, strict=True)])
     np.testing.assert_array_equal(rows, np.argsort(both))
     assert len(first) < 500
