@@ -5,8 +5,8 @@
     inline_jit        a subroutine that is inlined into its callers
     jit_no_alloc      a kernel that makes no arrays
     jit_alloc         a function that makes arrays, called by functions that make none
-    jit_sums          a kernel with sums over neighbours, without arrays of its own, in double precision
-    jit_sums_single   the same in single precision
+    jit_sums          a kernel with sums over neighbours, without arrays of its own, in the precision of its packs
+    inline_sums       a subroutine of such sums that is inlined into its callers
     jit_sums_alloc    a kernel with such sums that makes arrays
 
 A process that compiles a function may call another copy of a callee than a process that loads the function from disk.
@@ -23,7 +23,7 @@ from typing import Any
 from numba import njit
 
 from discsim.jit.cache import located
-from discsim.jit.single import SingleCompiler
+from discsim.jit.compiler import SumsCompiler
 
 # No wrapper for C: nothing calls kernels by their address, and the wrapper would take 3% of the compile time.
 KERNEL: Any = {"nogil": True, "cache": True, "error_model": "numpy", "no_cfunc_wrapper": True}
@@ -34,7 +34,7 @@ INLINE: Any = {**NO_ALLOC, **CALLED, "forceinline": True}
 # Sums over neighbours may be reordered. No 'nnan'/'ninf': NaN and infinities of a failing run must be kept, so that it
 # is stopped. With Python's error_model a division may raise, and no loop with a division is vectorised.
 FAST = {"reassoc", "contract", "arcp", "nsz"}
-SUMS: Any = {**NO_ALLOC, "fastmath": FAST}
+SUMS: Any = {**NO_ALLOC, "fastmath": FAST, "pipeline_class": SumsCompiler}
 
 
 def kept(**options: Any) -> Callable[[Callable], Any]:
@@ -53,5 +53,5 @@ inline_jit = kept(**INLINE)
 jit_no_alloc = kept(**NO_ALLOC)
 jit_alloc = kept(**{**KERNEL, "_nrt": True})
 jit_sums = kept(**SUMS)
-jit_sums_single = kept(**SUMS, pipeline_class=SingleCompiler)
+inline_sums = kept(**SUMS, **CALLED, forceinline=True)
 jit_sums_alloc = kept(**KERNEL, fastmath=FAST)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from discsim.jit.decorators import inline_jit, jit_alloc
+from discsim.jit.decorators import inline_jit, inline_sums, jit_alloc
 from discsim.jit.index import index
 from discsim.kernels.common.neighbours import ALL_X, ALL_Y, FIRST, FROM_X, FROM_Y, NX, NY, REACH, SIDE_X, SIDE_Y, whole
 
@@ -274,7 +274,7 @@ def most_of(begin):
     return whole(most)
 
 
-@njit(nogil=True, inline="always")
+@inline_sums
 def window(n, dx, reach, per_length, begin, end, listed):
     """Find the candidates of the n-th cell, from `begin` to `end`, that may be within `reach` of dx from its middle
     along x. Returns the first, counted from `begin`, and their number, rounded up to whole vectors.
@@ -287,7 +287,7 @@ def window(n, dx, reach, per_length, begin, end, listed):
     return first, whole(last - first)
 
 
-@njit(nogil=True, inline="always")
+@inline_sums
 def pack_positions(c, begin, end, listed, ox, oy, per_length, cells, cx, cy):
     """Write the positions of the candidates `begin` to `end` of the c-th cell, from (ox, oy) and times `per_length`."""
     x, y, slots, turned = cells.x, cells.y, listed.slots, listed.turned

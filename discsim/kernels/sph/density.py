@@ -10,9 +10,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
-from discsim.jit.decorators import FAST, INLINE, jit_sums, jit_sums_single, kept
+from discsim.jit.decorators import inline_sums, jit_sums
 from discsim.jit.index import index
 from discsim.kernels.common.candidates import pack_positions, per_slab, window
 from discsim.kernels.common.neighbours import LANES, whole
@@ -95,7 +94,7 @@ class Wanted(NamedTuple):
     fixed: bool
 
 
-@njit(inline="always")
+@inline_sums
 def add_density(single, kernel, dim, derived, x, y, vx, vy, inv_h, n, pack, members, at):
     """Add the contributions of n packed candidates to the sums of the member at `at`."""
     real = pack.dtype.type
@@ -155,11 +154,7 @@ def add_density(single, kernel, dim, derived, x, y, vx, vy, inv_h, n, pack, memb
         members[at + MORE_CURL] += of_ddw * inv_h * more_curl
 
 
-# Functions of double precision, whatever that of the packs.
-in_double = kept(**INLINE, fastmath=FAST)
-
-
-@in_double
+@inline_sums
 def in_units_of_density(kernel, dim, derived, total, first, second, div, curl, more_div, more_curl):
     """Return h^d rho, (h / rho) drho/dh, (h^2 / rho) d2rho/dh2, h div v and h curl v from a particle's sums.
 
@@ -174,7 +169,7 @@ def in_units_of_density(kernel, dim, derived, total, first, second, div, curl, m
     return NORM[dim - 1][kernel] * total, -(dim + first), curve, div, curl, more_div, more_curl
 
 
-@in_double
+@inline_sums
 def improve(dim, m, h, wanted, low, high, rho, slope, curve):
     """Take a third-order step to the root of eq. (1); return (found, step, h, rho, Omega, low, high).
 
@@ -204,8 +199,8 @@ def improve(dim, m, h, wanted, low, high, rho, slope, curve):
     return found, last, h, rho, 1.0 if stays else omega if near else 1.0 + slope / dim, low, high
 
 
-@in_double
-def improve_all(kernel, dim, derived, wanted, unit_mass, support, n, some):
+@inline_sums
+def improve_all(kernel, dim, derived, wanted, unit_mass, n, some):
     """Advance the search for h of n members by one iteration, from their sums in the rows `some`.
 
     |div v| and |curl v| replace their sums. Returns the number of members that continue, and of members that need an
@@ -223,7 +218,7 @@ def improve_all(kernel, dim, derived, wanted, unit_mass, support, n, some):
         found, step, new, rho, omega, low, high = improve(
             dim, some[k + M], h, wanted, some[k + LOW], some[k + HIGH], rho, slope, curve
         )
-        outgrown = support * new > some[k + REACH]
+        outgrown = SUPPORT[kernel] * new > some[k + REACH]
         some[k + LOW], some[k + HIGH] = low, high
         some[k + H] = new if searched else h
         some[k + RHO] = rho if searched else some[k + RHO]
@@ -238,14 +233,14 @@ def improve_all(kernel, dim, derived, wanted, unit_mass, support, n, some):
     return left, beyond
 
 
-@njit(inline="always")
+@inline_sums
 def seat(p):
     """Return the index of the p-th member of a cell in the rows."""
     lane = index(p) & LAST
     return (index(p) - lane) * IN_ALL + lane
 
 
-@njit(inline="always")
+@inline_sums
 def begin_cell(wanted, own, count, cells, again, mass, h, gradh, members):
     """Start the search for h of a cell's members within its limits.
 
@@ -262,7 +257,7 @@ def begin_cell(wanted, own, count, cells, again, mass, h, gradh, members):
             members[at + H] = min(max(h[i], wanted.least), wanted.most)
 
 
-@njit(inline="always")
+@inline_sums
 def clear_sums(sums, count, members):
     """Set the sums of members in the search to 0."""
     for p in range(count):
@@ -272,7 +267,7 @@ def clear_sums(sums, count, members):
                 members[at + index(row * TILE)] = 0.0
 
 
-@njit(inline="always")
+@inline_sums
 def slopes_of(dim, at, members):
     """Return xx, xy and yy of the symmetric part of eq. (7) from a member's sums, per unit of length of the pack."""
     txx, txy, tyy = members[at + TXX], members[at + TXY], members[at + TYY]
@@ -285,7 +280,7 @@ def slopes_of(dim, at, members):
     return (axx * tyy - axy * txy) * rate, 0.5 * across * rate, (ayy * txx - ayx * txy) * rate
 
 
-@njit(inline="always")
+@inline_sums
 def end_cell(dim, derived, own, count, order, per_unit, found, members):
     """Write the results of a cell's members."""
     for p in range(count):
@@ -300,7 +295,7 @@ def end_cell(dim, derived, own, count, order, per_unit, found, members):
             found.slopes[i, 0], found.slopes[i, 1], found.slopes[i, 2] = xx * per_unit, xy * per_unit, yy * per_unit
 
 
-@njit(inline="always")
+@inline_sums
 def pack_masses(dim, moving, begin, end, slots, order, vel, mass, ux, uy, per_mass, pack):
     """Pack masses and, with `moving`, velocities relative to (ux, uy) of the candidates from `begin` to `end`."""
     first, count = index(begin), index(end - begin)
@@ -324,10 +319,10 @@ def density_driver(kernel: int, dim: int, derived: int, single: bool):
     (cells,) marks the cells in which a particle needs an h beyond the reach of its candidate list, for a second pass,
     `again`.
     """
-    support, moving = SUPPORT[kernel], derived != NO_DERIVATIVES
+    moving = derived != NO_DERIVATIVES
     sums = SUMS_OF_SLOPES if derived == SLOPES else SUMS
 
-    @jit_sums_single if single else jit_sums
+    @jit_sums
     def density(first, last, part, filled, given, found, wanted, unit_mass, cells, again, outgrown):
         order, start, bounds = cells.order, cells.start, cells.bounds
         vel, mass, h, (lists, work) = given.vel, given.mass, found.h, part
@@ -359,7 +354,7 @@ def density_driver(kernel: int, dim: int, derived: int, single: bool):
                 left = 0.0
                 for p in range(0, count, TILE):
                     n, some = whole(min(TILE, count - p)), members[seat(p) :]
-                    going, beyond = improve_all(kernel, dim, derived, wanted, unit_mass, support, n, some)
+                    going, beyond = improve_all(kernel, dim, derived, wanted, unit_mass, n, some)
                     left += going
                     outgrown[c] |= beyond > 0.0
                 if left == 0.0:

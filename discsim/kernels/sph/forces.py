@@ -28,9 +28,7 @@ import functools
 import math
 from typing import NamedTuple
 
-from numba import njit
-
-from discsim.jit.decorators import jit, jit_sums, jit_sums_single
+from discsim.jit.decorators import inline_sums, jit, jit_sums
 from discsim.jit.index import index
 from discsim.kernels.common.candidates import pack_positions, per_slab, window
 from discsim.kernels.common.neighbours import LANES, whole
@@ -122,7 +120,7 @@ def force_columns(
             columns[k, FLUIDITY] = inv_rho * (scale.speed * scale.length / nu[i])
 
 
-@njit(inline="always")
+@inline_sums
 def pack_columns(dim, moving, viscous, conductive, shearing, slots, norm, frame, columns, pack):
     """Pack the data of the candidates `slots` that the sums of a scene read.
 
@@ -154,7 +152,7 @@ def pack_columns(dim, moving, viscous, conductive, shearing, slots, norm, frame,
         pack[MASS * STRIDE + k], pack[NORM_H * STRIDE + k] = 0.0, 0.0
 
 
-@njit(inline="always")
+@inline_sums
 def fetch_columns(begin, slots, columns):
     """Prefetch the data of the next cell's candidates for `pack_columns`.
 
@@ -165,7 +163,7 @@ def fetch_columns(begin, slots, columns):
             prefetch(columns, slots[k] * index(columns.shape[1]))
 
 
-@njit(inline="always")
+@inline_sums
 def pack_distances(single, x, y, n, pack):
     """Pack the distances of n candidates from (x, y), and their inverses."""
     real = pack.dtype.type
@@ -178,7 +176,7 @@ def pack_distances(single, x, y, n, pack):
         pack[R * STRIDE + k] = r2 * inv_r
 
 
-@njit(inline="always")
+@inline_sums
 def pack_gradients(kernel, dim, inv_h, n, pack):
     """Pack dW/dr by both kernels of each pair, without norms, which the sums apply."""
     inv_h = pack.dtype.type(inv_h)
@@ -190,7 +188,7 @@ def pack_gradients(kernel, dim, inv_h, n, pack):
         pack[OTHER * STRIDE + k] = other * pack[NORM_H * STRIDE + k]
 
 
-@njit(inline="always")
+@inline_sums
 def widened(uneven, own, other, inv_rho_i, inv_rho_j):
     """Return the sum of q^2 dW/dr by both kernels of a pair, `own` and `other`, bounded for unequal masses."""
     if uneven:
@@ -198,13 +196,13 @@ def widened(uneven, own, other, inv_rho_i, inv_rho_j):
     return own + other
 
 
-@njit(inline="always")
+@inline_sums
 def harmonic(a, b):
     """Return the harmonic mean 2 a b / (a + b) of two slopes, 0 where their signs differ: the limiter of eq. (6)."""
     return 2.0 * a * b / (a + b) if a * b > 0.0 else 0.0
 
 
-@njit(inline="always")
+@inline_sums
 def packed_slopes(viscous, i, unit, columns, real):
     """Return slopes xx, 2 xy and yy of the i-th particle in units of a pack; 0 without reconstruction."""
     if viscous == RECONSTRUCTED:
@@ -212,7 +210,7 @@ def packed_slopes(viscous, i, unit, columns, real):
     return real(0.0), real(0.0), real(0.0)
 
 
-@njit(inline="always")
+@inline_sums
 def jump_of(viscous, slopes, dx, dy, inv_r, w, k, pack):
     """Return the velocity w of a pair along its line, reduced by eq. (6) where velocities are reconstructed."""
     if viscous != RECONSTRUCTED:
@@ -222,7 +220,7 @@ def jump_of(viscous, slopes, dx, dy, inv_r, w, k, pack):
     return w - harmonic(slopes[0] * xx + slopes[1] * xy + slopes[2] * yy, other)
 
 
-@njit(inline="always")
+@inline_sums
 def force_sums(
     kernel, dim, viscous, energetic, conductive, shearing, uneven, x, y, frame, i, columns, strengths, n, pack
 ):  # fmt: skip
@@ -285,13 +283,13 @@ def force_sums(
     return ax, ay, rate, -div * norm * inv_rho_i, conduction
 
 
-@njit(inline="always")
+@inline_sums
 def most(a, b):
     """Return the larger of two numbers, or NaN where either is NaN."""
     return a if a >= b or a != a else b
 
 
-@njit(inline="always")
+@inline_sums
 def add(found, sums):
     """Add five sums over some candidates to those of a particle."""
     sums[0] += found[0]
@@ -301,7 +299,7 @@ def add(found, sums):
     sums[4] += found[4]
 
 
-@njit(inline="always")
+@inline_sums
 def write_sums(own, members, dim, energetic, columns, sums, sound, still, squeezed, strengths, units, order, acc, rate):
     """Add a cell's sums to `acc` and `rate`; return the largest rates for the time-step limit, in units of the pack.
 
@@ -338,7 +336,7 @@ def force_driver(
     moving, norm = viscous != NO_VISCOSITY or energetic or shearing, NORM[dim - 1][kernel] * factors.py_func(kernel)[1]
     squeezed = SQUEEZED[kernel]
 
-    @jit_sums_single if single else jit_sums
+    @jit_sums
     def forces(first, last, part, columns, sound, still, acc, rate, strengths, scale, cells, met, now):
         order, start, bounds = cells.order, cells.start, cells.bounds
         lists, work = part

@@ -12,8 +12,8 @@ small. Sums over chunks, and all further steps, are of double precision.
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from discsim.jit.decorators import inline_sums
 from discsim.kernels.common.neighbours import LANES
 
 NEAREST2 = 1e-30  # least squared distance, in units of the cell's reach: representable in single precision
@@ -34,7 +34,7 @@ class Scale(NamedTuple):
     speed: float
 
 
-@njit(inline="always")
+@inline_sums
 def all_of(n):
     """Return n candidates in single precision, rounded up to whole vectors: a remainder of half a vector is slow.
 
@@ -43,7 +43,7 @@ def all_of(n):
     return (n + SINGLES - 1) & -SINGLES
 
 
-@njit(inline="always")
+@inline_sums
 def inverse_root(single, x):
     """Return 1 / sqrt(x) to rounding.
 
@@ -56,13 +56,13 @@ def inverse_root(single, x):
     return y + y * e * (0.5 + 0.375 * e)
 
 
-@njit(inline="always")
+@inline_sums
 def relative(dim, vector, i, ox, oy, factor):
     """Return the vector (n, d) of particle i, less (ox, oy) and times a factor; y is 0 in one dimension."""
     return (vector[i, 0] - ox) * factor, (vector[i, 1] - oy) * factor if dim == 2 else 0.0
 
 
-@njit(inline="always")
+@inline_sums
 def clear(sums, members):
     """Set the sums (members, n) of a cell's particles to 0."""
     for p in range(members):

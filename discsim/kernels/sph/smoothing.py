@@ -8,6 +8,7 @@ table 1), whose polynomials in one dimension differ from those in two.
 from numba import njit
 
 from discsim.formulas.smoothing import SMOOTHING
+from discsim.jit.decorators import inline_sums
 
 CUBIC, QUINTIC, QUINTIC_H, WENDLAND_C2, WENDLAND_C4 = range(5)
 KERNELS = {name: code for code, name in enumerate(SMOOTHING)}
@@ -79,7 +80,7 @@ def bend(kernel, dim, q):
     return scale * scale * (20.0 * a * a * a - 120.0 * b * b * b + 300.0 * c * c * c)
 
 
-@njit(inline="always")
+@inline_sums
 def terms(kernel, dim, q):
     """Return w(q), dw/dq and d2w/dq2 over `factors(kernel)`, which the caller applies to its sums at the end."""
     if kernel == CUBIC:
@@ -88,6 +89,6 @@ def terms(kernel, dim, q):
     return w, dw, bend(kernel, dim, q)
 
 
-@njit(inline="always")
+@inline_sums
 def factors(kernel):
     return CUBIC_FACTORS if kernel == CUBIC else (1.0, 1.0, 1.0)
