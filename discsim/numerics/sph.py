@@ -33,7 +33,7 @@ from discsim.kernels.sph.forces import (
     force_driver,
 )
 from discsim.kernels.sph.packs import FLUIDITY, ROWS, STRIDE, SWITCH, SYY, Scale
-from discsim.kernels.sph.smoothing import KERNELS, SQUEEZED, SUPPORT
+from discsim.kernels.sph.smoothing import KERNELS, MEAN_Q2, NORM, SQUEEZED, SUPPORT
 from discsim.numerics import alloc, world
 from discsim.numerics.neighbours import LEAST, Grids, box_about, candidates, cells_in, grids_of, keys_in
 from discsim.numerics.threads import parallel_for
@@ -209,7 +209,8 @@ class Sph:
         slopes = np.empty((len(h) if self.derived == SLOPES else 0, 3))
         found = self.found = Found(h, both.beside(gas.density), both.beside(gas.gradh), div, curl, slopes)
         given = Given(vel if self.derived == NO_DERIVATIVES else both.of(vel), mass)
-        wanted, unit = Wanted(self.eta, h_least, self.h_most, self.fixed), binade(mass)
+        norm = NORM[self.dim - 1][self.kernel]
+        wanted, unit = Wanted(self.eta, h_least, self.h_most, self.fixed, norm, self.support), binade(mass)
 
         def again(first: int, last: int) -> None:
             (part,) = self.parts([self.list_anew(cells, left, first, last)])
@@ -274,7 +275,8 @@ class Sph:
         viscosity, conductivity = self.viscosity, self.conductivity
         alpha, beta = (viscosity.alpha, viscosity.beta) if viscosity else (0.0, 0.0)
         of_step = (viscosity.signal, viscosity.closing) if viscosity else (1.0, 1.0)
-        strengths = Strengths(beta, conductivity.alpha if conductivity else 0.0, *of_step)
+        shear = 2.0 * self.dim / MEAN_Q2[self.kernel]
+        strengths = Strengths(beta, conductivity.alpha if conductivity else 0.0, *of_step, shear)
         scale = Scale(binade(mass), binade(found.h), binade(sound))
         last = SWITCH
         if self.pairs == RECONSTRUCTED:

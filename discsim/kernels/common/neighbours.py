@@ -9,9 +9,8 @@ particles. On periodic axes the search covers every image of the box within reac
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
-from discsim.jit.decorators import jit
+from discsim.jit.decorators import inline_jit, jit
 from discsim.jit.index import index
 
 # Columns of the table of grids: first cell, cells along x and y, side of a cell along x and y, largest R in the grid. A
@@ -123,7 +122,7 @@ def widen(some, extent, h, cells):
         cells.grids[mine, REACH] = max(cells.grids[mine, REACH], reach)
 
 
-@njit(nogil=True, inline="always")
+@inline_jit
 def whole(n):
     """Return the number n of candidates, rounded up to whole vectors."""
     return (n + LANES - 1) & -LANES

@@ -222,7 +222,7 @@ def _take_leaves(tx, ty, gas, dust, h_sum, wanted, tree, held):
             if gas[b] + dust[b] > 0:
                 anybody = True
                 held.h_sum[x, y], held.blocks[x, y] = h_sum[b], 1
-                held.status[x, y] = _status(gas[b], dust[b], h_sum[b], wanted.leaf, wanted)
+                held.status[x, y] = _status(held.gas[x, y], held.dust[x, y], h_sum[b], wanted.leaf, wanted)
                 tree.final[b] = held.status[x, y] == DONE
     return anybody
 

@@ -30,7 +30,7 @@ from discsim.kernels.sph.packs import (
     inverse_root,
     relative,
 )
-from discsim.kernels.sph.smoothing import NORM, SUPPORT, factors, terms
+from discsim.kernels.sph.smoothing import factors, terms
 
 TOLERANCE = 4e-3  # relative to h, of the last change; the remaining error is a few times its cube
 ITERATIONS = 60
@@ -86,12 +86,14 @@ class Work(NamedTuple):
 
 
 class Wanted(NamedTuple):
-    """Rule for h: eta of eq. (1), the least and the largest h, and whether h is fixed."""
+    """Rule for h: eta of eq. (1), the least and the largest h, whether h is fixed, norm and support of the kernel."""
 
     eta: float
     least: float
     most: float
     fixed: bool
+    norm: float
+    support: float
 
 
 @inline_sums
@@ -155,7 +157,7 @@ def add_density(single, kernel, dim, derived, x, y, vx, vy, inv_h, n, pack, memb
 
 
 @inline_sums
-def in_units_of_density(kernel, dim, derived, total, first, second, div, curl, more_div, more_curl):
+def in_units_of_density(norm, dim, derived, total, first, second, div, curl, more_div, more_curl):
     """Return h^d rho, (h / rho) drho/dh, (h^2 / rho) d2rho/dh2, h div v and h curl v from a particle's sums.
 
     Two more values are h d(div v)/d ln h and h d(curl v)/d ln h.
@@ -166,7 +168,7 @@ def in_units_of_density(kernel, dim, derived, total, first, second, div, curl, m
     if derived == DIV_CURL:
         div, curl = div * rate, curl * rate
         more_div, more_curl = (first - 1.0) * div - more_div * rate, (first - 1.0) * curl - more_curl * rate
-    return NORM[dim - 1][kernel] * total, -(dim + first), curve, div, curl, more_div, more_curl
+    return norm * total, -(dim + first), curve, div, curl, more_div, more_curl
 
 
 @inline_sums
@@ -200,7 +202,7 @@ def improve(dim, m, h, wanted, low, high, rho, slope, curve):
 
 
 @inline_sums
-def improve_all(kernel, dim, derived, wanted, unit_mass, n, some):
+def improve_all(dim, derived, wanted, unit_mass, n, some):
     """Advance the search for h of n members by one iteration, from their sums in the rows `some`.
 
     |div v| and |curl v| replace their sums. Returns the number of members that continue, and of members that need an
@@ -211,14 +213,14 @@ def improve_all(kernel, dim, derived, wanted, unit_mass, n, some):
         searched, h = some[k + STATE] == SEARCHED, some[k + H]
         per_h = 1.0 / h
         total, slope, curve, div, curl, more_div, more_curl = in_units_of_density(
-            kernel, dim, derived, some[k + TOTAL], some[k + FIRST], some[k + SECOND], some[k + DIV], some[k + CURL],
-            some[k + MORE_DIV], some[k + MORE_CURL],
+            wanted.norm, dim, derived, some[k + TOTAL], some[k + FIRST], some[k + SECOND], some[k + DIV],
+            some[k + CURL], some[k + MORE_DIV], some[k + MORE_CURL],
         )  # fmt: skip
         rho = total * unit_mass * (per_h * per_h if dim == 2 else per_h)
         found, step, new, rho, omega, low, high = improve(
             dim, some[k + M], h, wanted, some[k + LOW], some[k + HIGH], rho, slope, curve
         )
-        outgrown = SUPPORT[kernel] * new > some[k + REACH]
+        outgrown = wanted.support * new > some[k + REACH]
         some[k + LOW], some[k + HIGH] = low, high
         some[k + H] = new if searched else h
         some[k + RHO] = rho if searched else some[k + RHO]
@@ -354,7 +356,7 @@ def density_driver(kernel: int, dim: int, derived: int, single: bool):
                 left = 0.0
                 for p in range(0, count, TILE):
                     n, some = whole(min(TILE, count - p)), members[seat(p) :]
-                    going, beyond = improve_all(kernel, dim, derived, wanted, unit_mass, n, some)
+                    going, beyond = improve_all(dim, derived, wanted, unit_mass, n, some)
                     left += going
                     outgrown[c] |= beyond > 0.0
                 if left == 0.0:

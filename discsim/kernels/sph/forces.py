@@ -62,7 +62,7 @@ from discsim.kernels.sph.packs import (
     clear,
     inverse_root,
 )
-from discsim.kernels.sph.smoothing import MEAN_Q2, NORM, SQUEEZED, factors, terms
+from discsim.kernels.sph.smoothing import NORM, SQUEEZED, factors, terms
 
 # Where a light particle sits on a heavy one, its kernel is narrow and the density of the other low. The product of the
 # pair's means of 1 / rho and of grad W is then much larger than the mean of grad W / rho, and no time step resolves
@@ -77,13 +77,14 @@ class Strengths(NamedTuple):
     """Coefficients of dissipation and of its time-step limit.
 
     beta of artificial viscosity; alpha of conductivity; `signal` and `closing` multiply c_s / h and -div v in the
-    limit.
+    limit; `shear`, 2 d / <q^2> of the kernel, multiplies shear viscosity.
     """
 
     beta: float
     conductivity: float
     signal: float
     closing: float
+    shear: float
 
 
 @jit
@@ -222,14 +223,14 @@ def jump_of(viscous, slopes, dx, dy, inv_r, w, k, pack):
 
 @inline_sums
 def force_sums(
-    kernel, dim, viscous, energetic, conductive, shearing, uneven, x, y, frame, i, columns, strengths, n, pack
+    norm, dim, viscous, energetic, conductive, shearing, uneven, x, y, frame, i, columns, strengths, n, pack
 ):  # fmt: skip
     """Return the sums of the i-th particle in cell order over n packed candidates.
 
     These are acceleration, du/dt, divergence and the rate at which conduction relaxes u to that of its neighbours.
     """
     real, inv_h, (unit, ux, uy) = pack.dtype.type, columns[i, INV_H], frame
-    norm = NORM[dim - 1][kernel] * factors(kernel)[1] * (inv_h * inv_h * inv_h if dim == 2 else inv_h * inv_h)
+    norm *= inv_h * inv_h * inv_h if dim == 2 else inv_h * inv_h
     press, norm, inv_h = real(columns[i, PRESS] * norm), real(norm), real(inv_h * unit)
     x, y, vx, vy = real(x), real(y), real(columns[i, VX] - ux), real(columns[i, VY] - uy)
     inv_rho_i, c_i, f_i = real(columns[i, INV_RHO]), real(columns[i, SOUND]), real(columns[i, SWITCH])
@@ -239,7 +240,7 @@ def force_sums(
     slopes = packed_slopes(viscous, i, unit, columns, real)
     beta = real(strengths.beta * BETA)
     conducted = real(0.25 * math.sqrt(0.5) * strengths.conductivity)  # with the halves of the means over a pair
-    sheared = real(2.0 * dim / MEAN_Q2[kernel] / unit) * inv_rho_i
+    sheared = real(strengths.shear / unit) * inv_rho_i
     ax, ay, rate, div, conduction = 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(n):
         dx, dy = x - pack[X * STRIDE + k], y - pack[Y * STRIDE + k]
@@ -370,7 +371,7 @@ def force_driver(
                     pack_distances(single, x, y, n, seen)
                     pack_gradients(kernel, dim, columns[k, INV_H] * unit, n, seen)
                     found = force_sums(
-                        kernel, dim, viscous, energetic, conductive, shearing, uneven, x, y, frame, k, columns,
+                        norm, dim, viscous, energetic, conductive, shearing, uneven, x, y, frame, k, columns,
                         strengths, n, seen,
                     )  # fmt: skip
                     add(found, sums[p])

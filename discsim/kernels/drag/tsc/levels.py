@@ -102,7 +102,7 @@ def number_nodes(level, leaf, levels, flat, at, number_of, place, near):
 @inline_jit
 def link_nodes(total, levels, flat, at, number_of, place, near, about, blocks):
     for n in range(total):
-        level, ix, iy = place[n, 0], place[n, 1], place[n, 2]
+        level, ix, iy = np.int64(place[n, 0]), np.int64(place[n, 1]), np.int64(place[n, 2])
         if is_inner(ix, iy, level, levels, flat):
             rows = levels.height[level] + 2
             below = levels.first[level] + (ix - 1) * rows + iy - 1
