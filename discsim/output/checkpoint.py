@@ -138,16 +138,16 @@ def checked_checkpoint(path: str | os.PathLike[str]) -> tuple[dict[str, dict[str
         return Entries(path, groups), _values(path, file)
 
 
-def _datasets(file: hdf5.Held) -> dict[str, dict[str, hdf5.Stored]]:
+def _datasets(file: hdf5.CheckedGroup) -> dict[str, dict[str, hdf5.CheckedDataset]]:
     arrays = file.group("arrays")
     return {group: {name: held.dataset(name) for name in held.names} for group, held in _groups(arrays).items()}
 
 
-def _groups(held: hdf5.Held) -> dict[str, hdf5.Held]:
+def _groups(held: hdf5.CheckedGroup) -> dict[str, hdf5.CheckedGroup]:
     return {name: held.group(name) for name in held.names}
 
 
-def _values(path: str | os.PathLike[str], file: hdf5.Held) -> Values:
+def _values(path: str | os.PathLike[str], file: hdf5.CheckedGroup) -> Values:
     held = file.group("values")
     values = {name: _scalar(held.attribute(name), name) for name in held.attributes}
     return Values(path, values, file.text("version"))

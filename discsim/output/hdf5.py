@@ -103,7 +103,7 @@ def _holds(path: Path, content: np.ndarray) -> bool:
     return place == len(content)
 
 
-class Stored:
+class CheckedDataset:
     """A dataset of numbers of one type, with all its rows in this file or in its parts.
 
     Raises EntryError for any other dataset: external storage, rows without content, or more rows or larger chunks
@@ -161,7 +161,7 @@ class Stored:
         """Return rows of a virtual dataset from the files of its parts. Raises EntryError."""
         first, last, _ = rows.indices(len(self))
         out = np.empty((max(last - first, 0), *self.shape[1:]), self.dtype)
-        master = Held(self._stored.file)
+        master = CheckedGroup(self._stored.file)
         parts = parts_of(master)
         if not parts:
             raise EntryError(f"{self.name} is virtual, and its file has no parts; expected its rows in this file")
@@ -188,7 +188,7 @@ class Stored:
         return out
 
 
-class Held:
+class CheckedGroup:
     """A group of a file of unknown origin; entries are read by name and checked for type and shape.
 
     Links to other files or places are not followed. Raises EntryError for an unexpected entry.
@@ -227,18 +227,18 @@ class Held:
         plain = (name for name in self.names if isinstance(self._group.get(name, getlink=True), h5py.HardLink))
         return [name for name in plain if attribute in self._group[name].attrs]
 
-    def group(self, name: str) -> Held:
+    def group(self, name: str) -> CheckedGroup:
         found = self._child(name)
         if not isinstance(found, h5py.Group):
             raise EntryError(f"{self._name(name)} is not a group; expected a group")
-        return Held(found)
+        return CheckedGroup(found)
 
-    def dataset(self, name: str, kinds: str = "biuf", ends: tuple[int, ...] | None = None) -> Stored:
+    def dataset(self, name: str, kinds: str = "biuf", ends: tuple[int, ...] | None = None) -> CheckedDataset:
         """Return the dataset `name`, of numpy kinds `kinds`, with rows of shape `ends` (None: any shape)."""
         found = self._child(name)
         if not isinstance(found, h5py.Dataset):
             raise EntryError(f"{self._name(name)} is not a dataset; expected a dataset")
-        return Stored(found, self._name(name), kinds, ends)
+        return CheckedDataset(found, self._name(name), kinds, ends)
 
     def rows(self, name: str, count: int, kinds: str = "f", ends: tuple[int, ...] = ()) -> np.ndarray:
         """Return the column `name`. Raises EntryError unless it has `count` rows."""
@@ -247,7 +247,7 @@ class Held:
             raise EntryError(f"{stored.name} has {len(stored)} rows; expected {count}, as the other columns")
         return stored.read()
 
-    def at(self, path: str, kinds: str, ends: tuple[int, ...]) -> Stored:
+    def at(self, path: str, kinds: str, ends: tuple[int, ...]) -> CheckedDataset:
         """Return the dataset at a path from the root of the file."""
         *groups, name = path.strip("/").split("/")
         held = self
@@ -311,7 +311,7 @@ def decoded(value: Any, name: str) -> str:
 
 
 @contextmanager
-def opened(path: str | os.PathLike[str]) -> Iterator[Held]:
+def opened(path: str | os.PathLike[str]) -> Iterator[CheckedGroup]:
     """Yield a regular file of unknown origin, open for reading.
 
     Raises OSError, and any exception of HDF5 for a damaged file.
@@ -322,11 +322,11 @@ def opened(path: str | os.PathLike[str]) -> Iterator[Held]:
             raise OSError(errno.EINVAL, f"is shorter than the {there.st_size} bytes that it declares", os.fspath(path))
         _check_seal(plain)
     with h5py.File(path, "r") as file:
-        yield Held(file)
+        yield CheckedGroup(file)
 
 
 @contextmanager
-def reading(path: str | os.PathLike[str], error: type[Exception], kind: str) -> Iterator[Held]:
+def reading(path: str | os.PathLike[str], error: type[Exception], kind: str) -> Iterator[CheckedGroup]:
     """Yield the file at `path`, open for reading; any fault of the file raises `error` with a message."""
     try:
         with opened(path) as file:
@@ -365,7 +365,7 @@ def put(group: h5py.Group, name: str, array: np.ndarray) -> h5py.Dataset:
     return group.create_dataset(name, data=array, chunks=chunk, maxshape=room, fletcher32=True)
 
 
-def parts_of(file: Held) -> list[Path]:
+def parts_of(file: CheckedGroup) -> list[Path]:
     """Return the paths of a master's parts; [] for an undivided file. Raises EntryError."""
     if NAMES not in file.attributes:
         return []
@@ -378,7 +378,7 @@ def parts_of(file: Held) -> list[Path]:
 
 
 @contextmanager
-def _part(path: Path, made: str) -> Iterator[Held]:
+def _part(path: Path, made: str) -> Iterator[CheckedGroup]:
     """Yield a part, open for reading. Raises OSError if it is damaged or belongs to another master."""
     try:
         with opened(path) as file:

@@ -102,7 +102,7 @@ def _stored(arrays: dict[str, Any], fields: dict[str, Field]) -> Iterator[tuple[
             yield name, column.values, Field(*column[1:])
 
 
-def other_columns(group: hdf5.Held) -> dict[str, tuple[hdf5.Stored, str]]:
+def other_columns(group: hdf5.CheckedGroup) -> dict[str, tuple[hdf5.CheckedDataset, str]]:
     """Return the datasets of a kind that are not in the layout, with their dimensions, by column name."""
     others = (group.dataset(name) for name in group.names_with("Dimension of discsim"))
     return {stored.text("Name"): (stored, stored.text("Dimension of discsim")) for stored in others}

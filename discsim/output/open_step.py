@@ -74,7 +74,7 @@ def write(group: h5py.Group, step: OpenStep) -> None:
             hdf5.put(part, name, array)
 
 
-def read(group: hdf5.Held, counts: dict[str, int], dimensions: int, time: float) -> OpenStep | None:
+def read(group: hdf5.CheckedGroup, counts: dict[str, int], dimensions: int, time: float) -> OpenStep | None:
     """Return the open step of a snapshot with the given particle numbers by kind.
 
     None if an earlier version without open steps wrote the file. Raises EntryError.

@@ -545,7 +545,9 @@ def read_snapshot(path: str | os.PathLike[str], columns: Collection[str] | None 
         )
 
 
-def _particles_of(file: hdf5.Held, kind: str, populations: int, columns: Collection[str] | None) -> SnapshotParticles:
+def _particles_of(
+    file: hdf5.CheckedGroup, kind: str, populations: int, columns: Collection[str] | None
+) -> SnapshotParticles:
     """Return the particles of one kind, in the scene's frame. Raises EntryError."""
     own, units, (group, fields) = file.group("discsim"), units_of(file), GROUPS[kind]
     wanted = partial(is_wanted, columns, kind)

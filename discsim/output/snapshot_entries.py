@@ -23,12 +23,12 @@ NEEDED = ("pos", "vel", "mass", "ids")  # required for every species, if request
 NAMED = (("space", "boundary"), ("initial", "kind"), ("star", "frame"), ("star", "centre"), ("drag", "direction"))
 
 
-def time_of(file: hdf5.Held) -> float:
+def time_of(file: hdf5.CheckedGroup) -> float:
     """Return the time of an open snapshot, in its code units."""
     return float(file.group("Header").numbers("Time", (1,))[0])
 
 
-def units_of(file: hdf5.Held) -> Units:
+def units_of(file: hdf5.CheckedGroup) -> Units:
     """Return the units of an open snapshot."""
     own = file.group("discsim")
     texts, dimensions = own.texts("units"), own.whole("dimensions")
@@ -42,7 +42,7 @@ def units_of(file: hdf5.Held) -> Units:
 
 
 def columns_of(
-    group: hdf5.Held, fields: dict[str, Field], wanted: Callable[[str], bool]
+    group: hdf5.CheckedGroup, fields: dict[str, Field], wanted: Callable[[str], bool]
 ) -> tuple[dict[str, Array], dict[str, Array], dict[str, str]]:
     """Return the arrays of a kind by name, the columns that the layout does not define, and the dimensions of both.
 
