@@ -16,7 +16,7 @@ SPECIES = ("gas", "dust")
 growth = Lazy("discsim.physics.growth")
 
 
-class Taken(NamedTuple):
+class Accreted(NamedTuple):
     """Mass of accreted particles and its parts.
 
     mass: mass of the particles. own: mass that belongs to their species. small: mass of the small dust that accreted
@@ -28,18 +28,18 @@ class Taken(NamedTuple):
     small: float
 
 
-def taken_from(state: State, name: str, gone: np.ndarray) -> Taken:
-    """Return the `Taken` of the particles of species `name` with the indices `gone` (k,)."""
+def accreted_from(state: State, name: str, gone: np.ndarray) -> Accreted:
+    """Return the accreted masses of the particles of species `name` with the indices `gone` (k,)."""
     particles = state.species[name]
     mass, small = total(particles.mass[gone]), 0.0
     if state.gas is not None and state.gas.small is not None and name == "gas":
         small = total(state.gas.small[gone])
         if growth.small_dust_in_mass(state.scene):
-            return Taken(mass, total(particles.mass[gone] - state.gas.small[gone]), small)
-    return Taken(mass, mass, small)
+            return Accreted(mass, total(particles.mass[gone] - state.gas.small[gone]), small)
+    return Accreted(mass, mass, small)
 
 
-def swallow(state: State, number: int, name: str, gone: np.ndarray, taken: Taken, grows: bool, moves: bool) -> None:
+def accrete(state: State, number: int, name: str, gone: np.ndarray, taken: Accreted, grows: bool, moves: bool) -> None:
     """Add the particles `gone` (indices) of a species, of masses `taken`, to the body `number`; the caller removes
     them.
 

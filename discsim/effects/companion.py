@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from discsim.effects import base
-from discsim.effects.accretion import swallow, taken_from
+from discsim.effects.accretion import accrete, accreted_from
 from discsim.initial import start_of
 from discsim.numerics import world
 from discsim.numerics.bodies import SPECIES, Bodies
@@ -327,8 +327,8 @@ class Effect(base.Effect):
             kept = _chances(self.scene.run.seed, state.step + state.earlier, k, p.ids[gone]) >= self._share(state, k)
             gone = gone[~kept]
         if world.processes.most(len(gone)) > 0:
-            taken = taken_from(state, name, gone)
-            swallow(state, k + 1, name, gone, taken, grows=True, moves=bool(self.orbits.live[k]))
+            taken = accreted_from(state, name, gone)
+            accrete(state, k + 1, name, gone, taken, grows=True, moves=bool(self.orbits.live[k]))
             p.remove(gone)
 
     def _share(self, state: State, k: int) -> float:

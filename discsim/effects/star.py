@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from discsim.effects import base
-from discsim.effects.accretion import swallow, taken_from
+from discsim.effects.accretion import accrete, accreted_from
 from discsim.numerics import world
 from discsim.numerics.bodies import SPECIES
 from discsim.numerics.state import Particles, State
@@ -210,7 +210,7 @@ class Effect(base.Effect):
         if world.processes.most(len(gone)) == 0:
             return
         mass, pos, vel = particles.mass[gone], particles.pos[gone], particles.vel[gone]
-        ledger, taken = state.ledger, taken_from(state, name, gone)
+        ledger, taken = state.ledger, accreted_from(state, name, gone)
         setattr(ledger, f"accreted_{name}", getattr(ledger, f"accreted_{name}") + taken.own)
         ledger.accreted_small += taken.small
         turning = pos[:, 0] * vel[:, 1] - pos[:, 1] * vel[:, 0]
@@ -218,7 +218,7 @@ class Effect(base.Effect):
         ledger.accreted_momentum += momentum
         ledger.accreted_angular_momentum += float(angular_momentum)
         if state.bodies is not None:
-            swallow(state, 0, name, gone, taken, grows=self.star.grows, moves=self.orbits.inertial)
+            accrete(state, 0, name, gone, taken, grows=self.star.grows, moves=self.orbits.inertial)
         particles.remove(gone)
 
     def potential_energy(self, state: State) -> float:
