@@ -28,8 +28,8 @@ for command in json.loads(sys.argv[1]):
     except SystemExit as end:
         assert not end.code, command
 assert "XDG_CONFIG_HOME" not in os.environ
-from discsim.preview import learnt
-learnt.keep("speed", [])
+from discsim.preview import stored_runs
+stored_runs.keep("speed", [])
 """
 
 SCENE = """

@@ -27,7 +27,7 @@ from discsim.initial import start_of, start_time
 from discsim.parts import USUAL_SCHEME, Lazy
 from discsim.physics import viscosity
 from discsim.physics.local import Local
-from discsim.preview import learnt
+from discsim.preview import stored_runs
 from discsim.preview.derived import drag_cell_sides, local
 from discsim.scene import Scene
 from discsim.scene.differences import FREE_TO_CHANGE
@@ -115,7 +115,7 @@ def digest(scene: Scene) -> str:
 
 
 def _kept() -> list[dict[str, Any]]:
-    return learnt.kept("errors", _is_entry)
+    return stored_runs.kept("errors", _is_entry)
 
 
 def _is_entry(run: dict[str, Any]) -> bool:
@@ -131,4 +131,4 @@ def learn(scene: Scene, measure: str, error: float, cpu: float) -> None:
     """Store the error and the CPU seconds of a run of a scene, if the cache can be written."""
     own = {"scene": digest(scene), "measure": measure, "error": error, "cpu": cpu}
     others = [run for run in _kept() if (run["scene"], run["measure"]) != (own["scene"], measure)]
-    learnt.keep("errors", [*others[1 - KEPT :], own])
+    stored_runs.keep("errors", [*others[1 - KEPT :], own])

@@ -7,10 +7,10 @@ from typing import Any
 
 from discsim.effects import effect_classes
 from discsim.preview.accuracy import accuracy
-from discsim.preview.cautions import warnings
 from discsim.preview.derived import derived
 from discsim.preview.forecast import forecast, known_runs
 from discsim.preview.memory import too_much
+from discsim.preview.warnings import warnings
 from discsim.scene import Scene
 from discsim.scene.fields import Table, measure_of
 from discsim.scene.units import Units, clock

@@ -23,7 +23,7 @@ from discsim.initial import start_time
 from discsim.parts import Lazy
 from discsim.physics.centre import kepler_omega
 from discsim.physics.local import PHASES, Expected
-from discsim.preview import learnt
+from discsim.preview import stored_runs
 from discsim.preview.derived import grid, grid_bytes, particle_count
 from discsim.preview.outlook import Outlooks
 from discsim.scene import Scene
@@ -153,7 +153,7 @@ def _steps_of_relaxation(scene: Scene) -> float:
 
 def _kept() -> list[dict[str, Any]]:
     """Return the stored runs, each with its machine and its slowness."""
-    return learnt.kept("speed", lambda run: isinstance(run.get("machine"), str) and 0.05 < run["slowness"] < 50.0)
+    return stored_runs.kept("speed", lambda run: isinstance(run.get("machine"), str) and 0.05 < run["slowness"] < 50.0)
 
 
 def known_runs() -> list[float]:
@@ -182,4 +182,4 @@ def learn(scene: Scene, steps: int, cpu_seconds: float, wall_seconds: float) -> 
     own = [run for run in runs if run["machine"] == here]
     others = [run for run in runs if run["machine"] != here]
     own.append({"machine": here, "slowness": cpu_seconds / steps / stored})
-    learnt.keep("speed", others[-OTHERS:] + own[-KEPT:])
+    stored_runs.keep("speed", others[-OTHERS:] + own[-KEPT:])

@@ -20,9 +20,9 @@ from discsim.output.files import command, replace_atomically
 from discsim.output.open_step import open_step_of
 from discsim.output.parts import tidy
 from discsim.output.snapshot import write_snapshot
-from discsim.preview.cautions import warnings
 from discsim.preview.derived import effect_rows
 from discsim.preview.forecast import learn
+from discsim.preview.warnings import warnings
 from discsim.printable import UserError
 from discsim.run.checkpoints import Checkpoints, later_snapshots
 from discsim.run.compilation import Compilation, of_numba_cache

@@ -227,7 +227,7 @@ OWN = {
     "laws": {"physics/laws.py", "effects/drag.py"},
     "eos": {"physics/eos.py"},
 }
-SHARED = ("cautions", "forecast", "derived", "reference", "check")
+SHARED = ("warnings", "forecast", "derived", "reference", "check")
 
 
 @pytest.mark.parametrize(("parts", "names"), [("schemes", SCHEMES), ("laws", LAWS), ("eos", EOS)])

@@ -7,8 +7,8 @@ from discsim import Simulation, load_scene
 from discsim.drag.width import Width, drift_error, in_lengths
 from discsim.exact import nsh
 from discsim.preview.accuracy import accuracy
-from discsim.preview.cautions import warnings
 from discsim.preview.derived import drag_cell_sides, local
+from discsim.preview.warnings import warnings
 
 C4 = {"kernel": "wendland-c4", "eta": 2.2}
 MASS, MIDDLE = 0.7, 2.05

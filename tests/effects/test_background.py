@@ -10,9 +10,9 @@ from scipy.integrate import solve_ivp
 from discsim import Simulation
 from discsim.kernels.dust import background as kernels
 from discsim.physics.given_disc import GivenDisc
-from discsim.preview.cautions import warnings
 from discsim.preview.derived import derived
 from discsim.preview.forecast import forecast
+from discsim.preview.warnings import warnings
 from discsim.scene import SceneError, load_scene
 
 

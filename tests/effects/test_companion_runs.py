@@ -10,9 +10,9 @@ from companions import GRAIN, PLANET, disc, relative, tables, totals
 
 from discsim import Simulation, read_snapshot
 from discsim.output.companions import COLUMNS, companion_rows
-from discsim.preview.cautions import warnings
 from discsim.preview.derived import effect_rows
 from discsim.preview.forecast import expected_steps
+from discsim.preview.warnings import warnings
 from discsim.run.runner import run_scene
 from discsim.scene import SceneError, load_scene
 
@@ -222,7 +222,7 @@ BARYCENTRE = {"mass": 1.0, "frame": "inertial", "centre": "barycentre"}
     [
         ({"companion": [{"mass": 1e-3, "semi_major_axis": 1.0}]}, "companion.0.softening: missing"),
         ({"star": None, "self_gravity": {"softening": 0.1}}, "expected a table [star] too"),
-        ({"companion": PLANET | {"eccentricity": 1.0}}, "companion.eccentricity: 1 is a parabola"),
+        ({"companion": PLANET | {"eccentricity": 1.0}}, "companion.eccentricity: e = 1 is a parabola"),
         ({"companion": PLANET | {"eccentricity": 2.0, "phase": 130.0}}, "expected between -120 and 120"),
         ({"companion": PLANET | {"softening": 0.6}}, "companion.softening: a number means scale heights H"),
         ({"companion": PLANET | {"softening": "wide"}}, '"wide" is not a length'),

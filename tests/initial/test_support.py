@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 from discsim import Simulation
 from discsim.cli import app
 from discsim.initial import support
-from discsim.preview.cautions import warnings
+from discsim.preview.warnings import warnings
 from discsim.scene import SceneError, load_scene
 
 MASS, REFERENCE = 0.7, 2.0

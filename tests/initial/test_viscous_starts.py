@@ -8,8 +8,8 @@ from discsim import Simulation, load_scene
 from discsim.exact import spreading_ring
 from discsim.initial import steady, viscous_ring
 from discsim.physics import profile, viscosity
-from discsim.preview.cautions import warnings
 from discsim.preview.check import report
+from discsim.preview.warnings import warnings
 from discsim.study.errors import measure_of
 
 EVEN = {"kind": "locally-isothermal", "aspect_ratio": 0.05, "temperature_index": 1.0}

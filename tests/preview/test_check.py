@@ -6,9 +6,9 @@ from typer.testing import CliRunner
 
 from discsim import Simulation
 from discsim.cli import app
-from discsim.preview.cautions import warnings
 from discsim.preview.check import report
 from discsim.preview.derived import derived, grid_bytes
+from discsim.preview.warnings import warnings
 from discsim.scene import load_scene
 from setups import SETUPS
 
