@@ -46,7 +46,7 @@ def _one_a_population(draft: Draft) -> Iterator[Problem]:
     if draft.dust and given not in (1, there):
         yield (
             ("radiation_pressure", "beta"),
-            f"{given} numbers for {there} populations of dust; expected {there} numbers, or one",
+            f"{given} numbers for {there} populations of dust; expected {there}, or one",
         )
 
 

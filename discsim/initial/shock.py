@@ -37,8 +37,8 @@ class Shock(Table):
     """A shock tube: two uniform states separated at 0 of [-size/2, size/2]."""
 
     kind: Literal["shock"] = "shock"
-    left: State = Field((1.0, 1.0, 0.0), description="gas [density, pressure, velocity] at x < 0")
-    right: State = Field((0.125, 0.1, 0.0), description="gas [density, pressure, velocity] at x > 0")
+    left: State = Field((1.0, 1.0, 0.0), description="gas state [density, pressure, velocity] at x < 0")
+    right: State = Field((0.125, 0.1, 0.0), description="gas state [density, pressure, velocity] at x > 0")
 
 
 def _side(density: float, mass: float, half: float, sign: float, margin: float, offset: float) -> Array:

@@ -50,7 +50,7 @@ class Run(Table):
     every: Time | None = Field(None, gt=0, description="time between snapshots, instead of their number")
     seed: Count = Field(1, ge=0, description="seed of the random numbers")
     courant: Annotated[Number, Default(f"{COURANT}; with a star {COURANT_OF_DISCS}")] = Field(
-        gt=0, le=MOST_COURANT, description="Courant factor: time step over the limit of each effect"
+        gt=0, le=MOST_COURANT, description="Courant factor: time step as a fraction of each effect's limit"
     )
     timestep: Time | None = Field(None, gt=0, description="fixed time step, instead of a variable one")
     integrator: IntegratorName = Field(

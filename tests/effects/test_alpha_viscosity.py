@@ -320,16 +320,22 @@ def test_it_goes_on_from_a_checkpoint_to_the_bit(tmp_path):
         ({}, "alpha_viscosity: no viscosity is given; expected exactly one of alpha, nu"),
         ({"alpha": 0.1, "nu": 1.0}, "alpha_viscosity.nu: alpha and nu are both given"),
         ({"alpha": -0.1}, "alpha_viscosity.alpha: -0.1"),
-        ({"inner_alpha": 0.1, "outer_alpha": 0.2, "radius": 1.0}, "alpha_viscosity.width: missing; inner_alpha and"),
+        (
+            {"inner_alpha": 0.1, "outer_alpha": 0.2, "radius": 1.0},
+            "alpha_viscosity.width: missing, but needed with inner_alpha and",
+        ),
         (
             {"alpha": 0.1, "step": "logarithmic"},
             "alpha_viscosity.step: step is used only with inner_alpha and outer_alpha",
         ),
         (
             {"inner_alpha": 0.1, "outer_alpha": 0.0, "radius": 1.0, "width": 0.1, "step": "logarithmic"},
-            "alpha_viscosity.outer_alpha: has no logarithm",
+            "alpha_viscosity.outer_alpha: 0 has no logarithm",
         ),
-        ({"alpha": 0.1, "dead_alpha": 0.0, "dead_inner": 2.0, "dead_outer": 1.0, "dead_width": 1.0}, "dead_outer: not"),
+        (
+            {"alpha": 0.1, "dead_alpha": 0.0, "dead_inner": 2.0, "dead_outer": 1.0, "dead_width": 1.0},
+            "dead_outer: dead_outer is not larger",
+        ),
         ({"nu": 0.1, "index": 1.0}, "alpha_viscosity.index: index is used only with alpha"),
         ({"alhpa": 0.1}, "alpha_viscosity.alhpa: unknown key"),
     ],

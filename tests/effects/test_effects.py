@@ -169,7 +169,7 @@ def test_a_part_that_cannot_be_imported_is_one_message(spring, monkeypatch, caps
 def test_two_parts_of_one_name_are_one_message(tmp_path, monkeypatch):
     install(tmp_path, {"stars": "Effect = None"}, {"discsim.effects": {"star": "stars:Effect"}})
     monkeypatch.syspath_prepend(tmp_path)
-    with looked_up_anew(), pytest.raises(PartError, match=r'"star" is discsim[.]effects[.]star:Effect, and stars'):
+    with looked_up_anew(), pytest.raises(PartError, match=r'"star" is discsim[.]effects[.]star:Effect, and also stars'):
         list(EFFECTS)
 
 
@@ -177,7 +177,7 @@ def test_a_second_owner_of_the_kick_is_refused(spring):
     package = spring.parent / "site" / "springs.py"
     package.write_text(PART.replace("keys = Keys", "keys, role = Keys, base.Role(kicks=True)"))
     extra = ["dust={particles=40, ratio=1}", 'drag={law="stopping-time", t_stop=1}']
-    with pytest.raises(SceneError, match=r"spring: already couples gas and dust"):
+    with pytest.raises(SceneError, match=r"spring: \[drag\] already couples gas and dust"):
         load_scene(spring, extra)
 
 

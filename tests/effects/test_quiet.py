@@ -260,7 +260,7 @@ def test_asking_for_forces_leaves_what_is_followed_alone():
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"gas": {"viscosity": {"alpha": 0.4, "pairs": "all"}}}, "slopes of the velocity"),
+        ({"gas": {"viscosity": {"alpha": 0.4, "pairs": "all"}}}, "velocity gradients of the reconstruction"),
         ({"gas": {"eos": {"kind": "adiabatic", "gamma": 1.4, "aspect_ratio": 0.1}}}, "has no energy"),
         ({"gas": {"eos": {"kind": "polytropic", "gamma": 1.4, "constant": 0.1}}}, "has no energy"),
     ],
