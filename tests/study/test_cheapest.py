@@ -185,11 +185,11 @@ def test_the_budget_ends_a_search(wave, tmp_path, monkeypatch, undrawn):
 
     monkeypatch.setattr(study_runs, "one_run", late)
     done = invoke(wave, "--error", "0.01%", *FEW, "--budget", "1 h", "-o", tmp_path / "s")
-    assert done.exit_code == 4 and "was not reached: the budget of 1 h" in done.output and "nearest is" in done.output
+    assert done.exit_code == 4 and "was not reached: the budget of 1 h" in done.output and "closest is" in done.output
     assert len(kept(tmp_path / "s")) == 6
     # What reached the error by then is the answer so far; with more time the search goes on from there.
     so_far = invoke(wave, "--error", "1.5%", *FEW, "-o", tmp_path / "s")
-    assert so_far.exit_code == 0 and "not at its end" in so_far.output and len(kept(tmp_path / "s")) == 6
+    assert so_far.exit_code == 0 and "not complete" in so_far.output and len(kept(tmp_path / "s")) == 6
     assert (tmp_path / "s" / "cheapest.toml").exists()
     nothing = invoke(wave, "--error", "0.01%", *FEW, "--budget", "1e-9 s", "-o", tmp_path / "t")
     assert nothing.exit_code == 4 and "no run completed" in nothing.output
