@@ -102,7 +102,7 @@ def scene_file(given: Path) -> Path:
         return given  # a directory or an unreadable file: loading the scene gives the message
     expected = "file not found; expected a scene file (TOML)"
     if given.stem in known:
-        raise ShippedError(f"{given}: {expected}; the setup of this name is: {given.stem}")
+        raise ShippedError(f"{given}: {expected}; to use the setup of this name, give: {given.stem}")
     if bare:
         raise ShippedError(f"{given}: {expected}, or the name of a setup{_hint(given.name, known)}")
     return given

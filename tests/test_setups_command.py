@@ -151,7 +151,7 @@ def test_a_scene_that_is_not_there(verb, work):
     assert refused(verb, "dusty_bix") == f'dusty_bix: {expected}, or the name of a setup; did you mean "dusty_box"?'
     assert refused(verb, "xyz") == f"xyz: {expected}, or the name of a setup; `discsim setups` lists them"
     of_clone = refused(verb, "setups/dusty_box.toml")
-    assert of_clone == f"setups/dusty_box.toml: {expected}; the setup of this name is: dusty_box"
+    assert of_clone == f"setups/dusty_box.toml: {expected}; to use the setup of this name, give: dusty_box"
     assert refused(verb, "no.toml") == f"no.toml: {expected}"
     assert "expected a scene" in refused(verb, "x" * 300)
     (work / "folder").mkdir()

@@ -71,7 +71,10 @@ def _star(draft: Draft) -> Iterator[Problem]:
         what = "beta / Omega" if own.kind == "beta" else "the height of a disc"
         yield ("cooling", "kind"), f"{what} needs a star to orbit; expected a table [star] too"
     elif own.aspect_ratio is not None:
-        yield ("cooling", "aspect_ratio"), "H/r needs a star to orbit; expected a table [star] too"
+        yield (
+            ("cooling", "aspect_ratio"),
+            "H/r is defined only about a star; expected a table [star] too",
+        )
 
 
 def _passive_temperature(draft: Draft) -> Iterator[Problem]:

@@ -95,12 +95,12 @@ def _keys_of_the_scheme(draft: Draft) -> Iterator[Problem]:
     if draft.has("background"):
         for key in OF_CELLS:
             if draft.gives("drag", key):
-                yield ("drag", key), "not used with [background], which has no drag cells; expected this key left out"
+                yield ("drag", key), "not used with [background], which has no drag cells; remove this key"
         return
     for why, keys in SCHEMES[scheme].unused.items():
         for key in keys:
             if draft.gives("drag", key):
-                yield ("drag", key), f'scheme "{scheme}" has {why}; expected this key left out'
+                yield ("drag", key), f'scheme "{scheme}" has {why}; remove this key'
 
 
 def _one_cell(draft: Draft) -> Iterator[Problem]:

@@ -122,7 +122,10 @@ def _one_population(draft: Draft) -> Iterator[Problem]:
             "a size distribution is not allowed with growth; expected one length, the initial size",
         )
     elif None not in (dust.grain_size, own.small_size) and dust.grain_size < own.small_size:
-        yield ("dust", 0, "grain_size"), "smaller than growth.small_size; expected at least growth.small_size"
+        yield (
+            ("dust", 0, "grain_size"),
+            f"smaller than growth.small_size = {own.small_size:g}; expected at least that size",
+        )
     if own.small_ratio is not None and own.small_ratio > dust.ratio:
         yield (
             ("growth", "small_ratio"),
@@ -154,7 +157,7 @@ def _brings_masses(draft: Draft) -> Iterator[Problem]:
     if draft.growth.small_ratio is not None and (draft.start is None or draft.start.take_up):
         yield (
             ("growth", "small_ratio"),
-            "not used with given particles, which include their small dust; expected this key left out",
+            "not used with given particles, which include their small dust; remove this key",
         )
 
 

@@ -383,7 +383,7 @@ def _part(path: Path, made: str) -> Iterator[CheckedGroup]:
     try:
         with opened(path) as file:
             if file.text(MADE) != made:
-                raise OSError("it belongs to another file")
+                raise OSError("this part belongs to another snapshot or checkpoint")
             yield file
     except (OSError, LookupError, ValueError, RuntimeError) as fault:
         raise OSError(f"part {path}: {_reason(fault)}") from fault

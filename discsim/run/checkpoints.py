@@ -49,9 +49,7 @@ class Checkpoints:
             with suppress(SnapshotError), hdf5.reading(path, SnapshotError, "snapshot") as file:
                 if time_of(file) <= put_out:
                     wrong = f"damaged checkpoint: it counts only {number} snapshots, but {path} is older than it"
-                    raise CheckpointError(
-                        f"{self.chosen}: {wrong}; expected a checkpoint that counts all earlier snapshots"
-                    )
+                    raise CheckpointError(f"{self.chosen}: {wrong}; resume from another checkpoint")
 
     def settle(self) -> None:
         """Rename the chosen checkpoint to the last one, so that the next one does not replace it."""

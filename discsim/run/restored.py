@@ -79,7 +79,8 @@ def _acc_unshared(state: State, effects: Effects, held: dict[str, Array], partic
     wanted = set(particles) if kick_effect(effects) is not None else set()
     if held.keys() != wanted:
         raise EntryError(
-            f"own_acc is stored for {', '.join(held) or 'no species'}; expected for {', '.join(wanted) or 'no species'}"
+            f"the accelerations of own_acc are those of {', '.join(held) or 'no species'}; "
+            f"expected those of {', '.join(wanted) or 'no species'}, as in this scene"
         )
     for name, array in held.items():
         count = check_arrays(f"own_acc of {name}", {"acc": array}, state.scene.space.dimensions)

@@ -286,7 +286,7 @@ def _units(data: dict[str, Any]) -> tuple[Units, list[Problem]]:
         except UnitError as error:
             faults.append((("units", name), str(error)))
         if table.system == "code":
-            faults.append((("units", name), 'not used with system = "code"; expected this key left out'))
+            faults.append((("units", name), 'not used with system = "code"; remove this key'))
     if faults:
         return Units(table.system, dimensions), faults
     return Units(table.system, dimensions, table.length, table.mass), faults

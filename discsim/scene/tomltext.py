@@ -122,7 +122,7 @@ class _Scanner:
     def _match(self, pattern: re.Pattern[str]) -> re.Match[str]:
         found = pattern.match(self.text, self.at)
         if not found:
-            raise ValueError(f"not TOML at character {self.at}")
+            raise ValueError(f"not TOML from character {self.at} on: {self.text[self.at : self.at + 20]!r}")
         return found
 
     def _take(self, pattern: re.Pattern[str]) -> str:

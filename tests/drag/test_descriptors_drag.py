@@ -200,7 +200,7 @@ def test_rules_of_another_package(found):
     assert sorted(line.rpartition("scene: ")[2] for line in found["rules"]) == sorted(
         [
             'drag.K: used only by law "constant", but drag.law is "lazy"; expected another law, or this key left out',
-            'drag.cell: scheme "everyone" has no drag cells; expected this key left out',
+            'drag.cell: scheme "everyone" has no drag cells; remove this key',
             "drag.t_stop: too lazy; expected 5 at most",
             "gas.eos.zero: pulls; expected 0 at least",
             "star: everyone is no crowd to orbit; expected no star",

@@ -369,8 +369,8 @@ def test_a_run_stops_and_goes_on(tmp_path):
 BAD = [
     (["dust.particles=50"], "dust.particles: *as many as gas.particles"),
     (["drag.direction=one-way"], 'drag.direction: *expected "two-way"'),
-    (["drag.cell=1"], "drag.cell: *expected this key left out"),
-    (["drag.scheme=sios-ppm", "drag.integration=implicit"], "drag.integration: *expected this key left out"),
+    (["drag.cell=1"], "drag.cell: *remove this key"),
+    (["drag.scheme=sios-ppm", "drag.integration=implicit"], "drag.integration: *remove this key"),
     (["gas.kernel=quintic"], "gas.kernel: *no SPH particles"),
     (["gas.viscosity.alpha=1"], "gas.viscosity*no SPH particles"),
     (["external.gas=1"], "external*has only pressure and drag"),

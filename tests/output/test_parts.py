@@ -119,7 +119,7 @@ def test_a_part_that_is_gone_or_of_another_file_is_refused(both):
     part = path.parent / "parts" / "0003.2.h5"
     with h5py.File(part, "r+") as file:
         file.attrs["made"] = np.bytes_("xyz")
-    with pytest.raises(SnapshotError, match=r"part .*0003\.2\.h5: it belongs to another file"):
+    with pytest.raises(SnapshotError, match=r"part .*0003\.2\.h5: this part belongs to another snapshot or checkpoint"):
         read_snapshot(path)
     part.unlink()
     with pytest.raises(SnapshotError, match=r"0003\.h5: its part .*/parts/0003\.2\.h5 is missing; expected"):

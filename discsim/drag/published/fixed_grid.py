@@ -27,14 +27,14 @@ def _tables(draft: Draft) -> Iterator[Problem]:
             yield (table,), f"not possible with {scheme}, which has only pressure and drag; expected no table [{table}]"
     for key in OF_SPH:
         if draft.gives("gas", key):
-            yield ("gas", key), f"{scheme} has no SPH particles; expected this key left out"
+            yield ("gas", key), f"{scheme} has no SPH particles; remove this key"
     if draft.drag.supersonic or LAWS[draft.drag.law].by_column:
         key = "supersonic" if draft.drag.supersonic else "law"
         yield ("drag", key), f"{scheme} allows only drag linear in velocity; expected another law"
     if draft.drag.direction != "two-way":
         yield ("drag", "direction"), f'{scheme} always couples gas and dust both ways; expected "two-way"'
     if draft.run and draft.run.integrator != "kdk":
-        yield ("run", "integrator"), f"{scheme} has its own time integrator; expected this key left out"
+        yield ("run", "integrator"), f"{scheme} has its own time integrator; remove this key"
     if draft.start and not draft.start.cells:
         *some, last = kinds(lambda start: start.cells)
         yield ("initial", "kind"), f"{scheme} does not support this start; expected {', '.join(some)} or {last}"
@@ -61,7 +61,7 @@ def _cells(draft: Draft) -> Iterator[Problem]:
             yield ("dust", i, "particles"), f"{wrong}; expected {cells}, as many as gas.particles"
         if dust.offset or dust.placement != "even":
             key = "offset" if dust.offset else "placement"
-            yield ("dust", i, key), f"{scheme} has gas and dust in the same cells; expected this key left out"
+            yield ("dust", i, key), f"{scheme} has gas and dust in the same cells; remove this key"
 
 
 def _named(draft: Draft) -> str:
