@@ -26,8 +26,8 @@ def _single(value):
 
 def _is_single(kind):
     """Return whether a type is a number, an array or a tuple with numbers of single precision."""
-    if isinstance(kind, types.BaseTuple):
-        return any(_is_single(one) for one in kind)
+    if hasattr(kind, "types"):  # those of a tuple's entries
+        return any(_is_single(one) for one in kind.types)
     return getattr(kind, "dtype", kind) == types.float32
 
 
