@@ -50,7 +50,8 @@ def leaf(scene: Scene, number: float, h_mean: Callable[[], float], h_least: floa
 # A node has the particles of nine cells: with two of each kind in a cell, placed evenly, the drift is right to 0.4%
 # (analysis/drift_cost.py). For dust placed at random a cloud is as good as (1/0.55)^2 = 3.3 cells.
 CELLS = Cells(leaf, few=(2, 2), few_random=(3, 9), share=NEAREST)
-# Two rings: a node's change is sharpened by those of its neighbours, which depend on slopes about the neighbours.
+# Three rings: a node's change is sharpened by those of its neighbours. These depend on slopes about the neighbours, and
+# on dust in the cells there, whose weights depend on which of the nodes about these cells have gas.
 SCHEME = Scheme(
-    kick, layout, build, rings=2, reads=UNSHARED, sizes=True, unused=NO_KERNEL, cells=CELLS, nanoseconds=220.0
+    kick, layout, build, rings=3, reads=UNSHARED, sizes=True, unused=NO_KERNEL, cells=CELLS, nanoseconds=220.0
 )

@@ -116,6 +116,9 @@ class Alone:
     def forget(self) -> None:
         """Drop caches that depend on the order or the owners of particles, before these change."""
 
+    def forget_positions(self) -> None:
+        """Drop caches that depend on positions alone, after these change."""
+
     def settle(self, state: State) -> None:
         """Migrate particles to their owners after a move."""
 

@@ -60,6 +60,9 @@ class Ranks:
         for each in self.forgets:
             each()
 
+    def forget_positions(self) -> None:
+        self.division.forget()
+
     def settle(self, state: State) -> None:
         self.forget()
         if to_sort(state.step):

@@ -66,6 +66,7 @@ class Operators:
             self._at_once(Slot.DRIFT, dt)
         except FloatingPointError as fault:
             raise PhysicsError(str(fault)) from fault
+        world.processes.forget_positions()  # operators of MOVE use the new positions, and results of the last kick
         self._run(Slot.MOVE, dt)
         world.processes.forget()
 

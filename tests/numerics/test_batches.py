@@ -8,6 +8,7 @@ from discsim import Simulation
 from discsim.kernels.mpi.batches import BATCH
 from discsim.numerics import world
 from discsim.numerics.batches import bounds_anew, bounds_of
+from discsim.numerics.operators import Operator, Slot
 
 
 def places(count, dim, seed=1):
@@ -69,3 +70,26 @@ def test_what_is_known_of_places_goes_when_they_move(tmp_path, monkeypatch):
     sim.operators.move(0.01)
     assert len(forgotten) == 2
     np.testing.assert_array_equal(forgotten[-1], sim.gas.pos)
+
+
+def test_what_is_known_of_places_goes_before_operators_use_the_new_ones(tmp_path, monkeypatch):
+    """As the walk of the dust does; the results of the last kick, which it needs, go after it."""
+    sim, order, places = Simulation(scene_of(tmp_path, WAVE)), [], []
+
+    class Noting(world.Alone):
+        def forget(self):
+            order.append("all")
+
+        def forget_positions(self):
+            order.append("positions")
+            places.append(sim.gas.pos.copy())
+
+    def move(state, dt):
+        order.append("move")
+        places.append(state.gas.pos.copy())
+
+    sim.operators.plan[Slot.MOVE].append(("gas", Operator("gas.walk", Slot.MOVE, move)))
+    monkeypatch.setattr(world, "processes", Noting())
+    sim.operators.move(0.01)
+    assert order == ["positions", "move", "all"]
+    np.testing.assert_array_equal(*places)

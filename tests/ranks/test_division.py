@@ -1,5 +1,6 @@
 """Who owns which part of space."""
 
+import tomllib
 from importlib.util import find_spec
 from types import SimpleNamespace
 
@@ -10,8 +11,14 @@ if find_spec("mpi4py") is None:
     pytest.skip("needs mpi4py: pip install -e '.[mpi]'", allow_module_level=True)
 
 from rank_cut import division_of
+from runs import DISC
 
+from discsim import Simulation
+from discsim.effects import dust_diffusion
+from discsim.numerics import world
 from discsim.numerics.neighbours import corners
+from discsim.ranks.begin import divide
+from discsim.ranks.comm import Comm
 from discsim.ranks.division import Division, hilbert
 from discsim.ranks.world import Ranks
 
@@ -108,6 +115,24 @@ def test_corners_are_those_of_known_bounds_until_places_change(dim):
     pos[500, 0] = np.nan
     np.testing.assert_array_equal(ranks.corners(pos, corners), corners(pos))
     np.testing.assert_array_equal(ranks.corners(pos[:0], corners), corners(pos[:0]))
+
+
+def test_the_walk_of_the_dust_has_the_corners_of_moved_particles(monkeypatch):
+    """They lay its grids of gas and grains, and so say in which order it adds. It comes before `settle`."""
+    walk, found = dust_diffusion.Effect.move, []
+
+    def move(effect, state, dt):
+        found.extend((world.processes.corners(p.pos, corners), corners(p.pos)) for p in state.species.values())
+        walk(effect, state, dt)
+
+    monkeypatch.setattr(dust_diffusion.Effect, "move", move)
+    monkeypatch.setattr(world, "together", world.Alone())  # and again after the test
+    sim = Simulation(tomllib.loads(DISC) | {"dust_diffusion": {"alpha": 0.01}})
+    divide(sim, Comm())
+    for _ in range(2):
+        sim.step(most=0.1)
+    assert len(found) == 4
+    np.testing.assert_array_equal(*zip(*found, strict=True))
 
 
 def test_parts_are_dealt_to_fewer_ranks_in_turn():

@@ -238,7 +238,7 @@ def merged(shape, seed):
 
 
 @pytest.mark.parametrize("periodic", [False, True])
-@pytest.mark.parametrize("rings", [0, 2])
+@pytest.mark.parametrize("rings", [0, 3])
 def test_blocks_that_own_ones_hang_on_are_those_of_all_nodes(periodic, rings):
     """Though nodes are listed about those near others alone."""
     shape = 256, 160
