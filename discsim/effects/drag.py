@@ -146,8 +146,8 @@ class Effect(base.KickEffect):
         return base.Report(warnings=cautions.warnings(scene, at))
 
     def operators(self, state: State) -> list[base.Operator]:
-        reads = base.arrays(("gas", "dust"), "pos vel mass h small species size") | {"bodies"}
-        motion = base.arrays(("gas", "dust"), "acc density sound_speed u")
+        reads = base.arrays("gas", "pos vel mass h") | base.arrays("dust", "pos vel mass species size") | {"bodies"}
+        motion = base.arrays(("gas", "dust"), "acc") | base.arrays("gas", "density sound_speed u small")
         return [
             base.Operator(CELLS, base.Slot.KICK_INPUT, self.find_cells, reads),
             base.Operator("drag.limit", base.Slot.LIMIT, self.limit, reads | motion),

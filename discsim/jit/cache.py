@@ -63,7 +63,9 @@ def folder() -> Path:
     It is in the first of these that can be written: NUMBA_CACHE_DIR, the package's own `__pycache__`, the user's
     cache directory, a private directory among temporary files.
 
-    Raises ------ CacheError
+    Raises
+    ------
+    CacheError
         If none of them can be written.
     """
     given = [Path(config.CACHE_DIR)] if config.CACHE_DIR else []

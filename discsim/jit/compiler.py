@@ -15,6 +15,7 @@ from numba.core import ir, types
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_machinery import FunctionPass, register_pass
 from numba.core.ir_utils import build_definitions
+from numba.core.postproc import PostProcessor
 from numba.core.untyped_passes import InlineInlinables, IRProcessing
 
 
@@ -48,7 +49,13 @@ class FoldArguments(FunctionPass):
         for one in _assigned(state):
             if isinstance(one.value, ir.Arg) and isinstance(state.args[one.value.index], types.Literal):
                 one.value = ir.Const(state.args[one.value.index].literal_value, one.loc)
-        state.func_ir._definitions = build_definitions(state.func_ir.blocks)
+        former = state.func_ir
+        # Branches are pruned by the definitions of variables, which a new function has to be given.
+        state.func_ir = ir.FunctionIR(
+            former.blocks, former.is_generator, former.func_id, former.loc, build_definitions(former.blocks),
+            former.arg_count, former.arg_names,
+        )  # fmt: skip
+        PostProcessor(state.func_ir).run()
         return True
 
 

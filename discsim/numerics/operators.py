@@ -163,7 +163,10 @@ class Declared:
     def __setattr__(self, name: str, value: Any) -> None:
         if name != "spare" and f"{self._species}.{name}" not in self._operator.writes:
             raise AttributeError(f"the operator {self._operator.name} does not declare that it writes {name}")
-        setattr(self._particles, name, value)
+        if name not in ("acc", "acc_unshared"):
+            setattr(self._particles, name, value)
+        elif value is not getattr(self, name):  # as `+=` sets the array that it has changed
+            raise AttributeError(f"{name} is a sum of several forces; expected a change in place, like {name} += ...")
 
 
 class View:

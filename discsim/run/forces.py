@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
-from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +18,7 @@ from discsim.numerics.thread_pool import run_concurrently, several_threads
 from discsim.numerics.threads import copied, parallel_for
 from discsim.parts import Lazy
 from discsim.printable import UserError
+from discsim.run import declarations
 from discsim.run.costs import Costs
 
 moves = Lazy("discsim.kernels.common.move")
@@ -46,20 +46,18 @@ class Limits(NamedTuple):
 
 
 class Plan:
-    """Operators of the effects of a run by slot, each with the name of its effect.
+    """Operators of the effects of a run by slot, each with the name of its effect; forces on both species come first.
 
-    Forces that gas and dust share come first. Raises TypeError if operators that run at the same time do not fit.
+    Raises PartError if the operators of an effect are not valid (`discsim/run/declarations.py`).
     """
 
     def __init__(self, effects: Effects, state: State) -> None:
         self.names, self.kicks_together = [*effects], kick_effect(effects)
         self._slots: dict[Slot, list[tuple[str, Operator]]] = {slot: [] for slot in Slot}
-        for name, effect in effects.items():
-            for operator in effect.operators(state):
-                if operator.slot is not Slot.KICK or self.kicks_together in (None, name):
-                    self._slots[operator.slot].append((name, operator))
+        for name, operator in declarations.checked(effects, state):
+            if operator.slot is not Slot.KICK or self.kicks_together in (None, name):
+                self._slots[operator.slot].append((name, operator))
         self._slots[Slot.FORCE].sort(key=lambda each: not _is_shared(each[1]))
-        self._check()
 
     def __getitem__(self, slot: Slot) -> list[tuple[str, Operator]]:
         return self._slots[slot]
@@ -69,19 +67,8 @@ class Plan:
         return [field for field in self[Slot.FIELD] if field[1].name in operator.reads]
 
     def writes(self, name: str) -> bool:
-        """Return whether a force writes to accelerations such as "gas.acc"."""
+        """Return whether any force writes to the accelerations `name`, such as "gas.acc"."""
         return any(name in operator.writes for _, operator in self[Slot.FORCE])
-
-    def _check(self) -> None:
-        fields, forces, inputs = (
-            [each for _, each in self[slot]] for slot in (Slot.FIELD, Slot.FORCE, Slot.KICK_INPUT)
-        )
-        for one, other in [*combinations(fields, 2), *((force, each) for force in forces for each in inputs)]:
-            if both := one.writes & (other.reads | other.writes) | other.writes & one.reads:
-                raise TypeError(f"{one.name} and {other.name} run at the same time, and both use {min(both)}")
-        for force in forces:
-            if not force.writes:
-                raise TypeError(f"the force {force.name} writes nothing; expected accelerations among its writes")
 
 
 def _is_shared(operator: Operator) -> bool:
@@ -227,7 +214,7 @@ def limits_of(state: State, plan: Plan, costs: Costs) -> tuple[dict[str, float],
     found: dict[str, dict[str, Limit]] = {name: {} for name in plan.names}
     for name, operator in plan[Slot.LIMIT]:
         with costs(name, calls=0):
-            found[name] |= operator.run(View(state, operator, state.results))
+            found[name] |= declarations.checked_limits(operator, operator.run(View(state, operator, state.results)))
     each = np.empty((3, len(found)))  # longest step, unstable step, and longest step of one-way dust
     for k, of_effect in enumerate(found.values()):
         noticed = {species: limit for species, limit in of_effect.items() if species != "dust" or not unnoticed}

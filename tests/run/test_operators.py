@@ -1,6 +1,7 @@
 """Operators: each sees and changes what it declares, and those that run at the same time do not meet."""
 
 import hashlib
+import re
 
 import numpy as np
 import pytest
@@ -9,6 +10,8 @@ from stepping import disc
 from discsim import Simulation
 from discsim.effects import base
 from discsim.numerics.operators import Operator, Slot, View
+from discsim.parts import PartError
+from discsim.run.declarations import checked_limits
 from discsim.run.forces import Plan
 
 DECLARED = (Slot.FIELD, Slot.FORCE, Slot.LIMIT, Slot.KICK_INPUT)  # slots whose operators declare arrays
@@ -82,31 +85,71 @@ def test_an_operator_sees_no_array_that_it_does_not_declare(sim):
         view["two.field"]
 
 
-class Writer(base.Effect):
-    """Effect with one operator that uses the arrays given."""
+class Listing(base.Effect):
+    """Effect that lists the operators given."""
 
-    def __init__(self, slot, reads=(), writes=()):
-        self.only = Operator(f"other.{slot.name}", slot, print, frozenset(reads), frozenset(writes))
+    def __init__(self, *listed):
+        self.listed = [*listed]
 
     def operators(self, state):
-        return [self.only]
+        return self.listed
+
+
+def operator(name="force", slot=Slot.FORCE, reads=("gas.pos",), writes=("gas.acc",)):
+    return Operator(f"other.{name}", slot, print, frozenset(reads), frozenset(writes))
+
+
+FAULTS = {
+    "gas.density and other.field run at the same time, and one changes gas.density, which the other uses; expected": [
+        operator("field", Slot.FIELD, writes=["gas.density"]), operator(reads=["other.field"]),
+    ],
+    "gas.forces and other.input run at the same time, and one changes gas.pressure": [
+        operator("input", Slot.KICK_INPUT, ["gas.pressure"], [])
+    ],
+    "other.force: the force writes nothing": [operator(writes=[])],
+    "other.force: another operator has the same name": [operator(), operator()],
+    "other.field: no force reads this field": [operator("field", Slot.FIELD, writes=[])],
+    'other.force: there is no "gas.sped" to read or write in its slot; did you mean': [
+        operator(reads=["gas.sped"])
+    ],
+    'other.force: there is no "drag.kick" to read': [operator(reads=["drag.kick"])],
+    "other.force: gas.acc is not complete before the limits": [operator(reads=["gas.acc"])],
+    "other.kick: only a base.KickEffect": [operator("kick", Slot.KICK)],
+    'gas.push: the operator is of the effect other; expected a name like "other.force"': [
+        operator()._replace(name="gas.push")
+    ],
+    "other.force: 'FORCE' is not a slot; expected one like base.Slot.FORCE": [operator()._replace(slot="FORCE")],
+    "other.force: 'gas.pos' is not a set of names": [operator()._replace(reads="gas.pos")],
+    "other.operators returns a list of str; expected a list of base.Operator": ["other.force"],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("words", FAULTS)
+def test_operators_that_do_not_fit_are_one_message(sim, words):
+    with pytest.raises(PartError, match=re.escape(words)):
+        Plan(sim.effects | {"other": Listing(*FAULTS[words])}, sim.state)
 
 
 @pytest.mark.parametrize(
-    ("other", "names"),
+    ("found", "words"),
     [
-        (Writer(Slot.FIELD, writes=["gas.density"]), "gas.density and other.FIELD"),
-        (Writer(Slot.KICK_INPUT, ["gas.pressure"]), "gas.forces and other.KICK_INPUT"),
+        (0.1, "other.limit returns a float; expected limits by species, like {base.ALL: base.Limit(step)}"),
+        (None, "other.limit returns a NoneType; expected limits"),
+        ({"all": 0.1}, "other.limit returns a dict of float; expected limits"),
+        ({"dsut": base.Limit(0.1)}, 'other.limit: "dsut" is no species; expected "gas", "dust" or base.ALL'),
     ],
 )
-def test_operators_that_run_at_the_same_time_do_not_meet(sim, other, names):
-    with pytest.raises(TypeError, match=f"{names} run at the same time, and both use gas"):
-        Plan(sim.effects | {"other": other}, sim.state)
+def test_limits_that_are_none_are_one_message(found, words):
+    with pytest.raises(PartError, match=re.escape(words)):
+        checked_limits(operator("limit", Slot.LIMIT), found)
 
 
-def test_a_force_on_nothing_is_refused(sim):
-    with pytest.raises(TypeError, match=r"the force other[.]FORCE writes nothing"):
-        Plan(sim.effects | {"other": Writer(Slot.FORCE, ["gas.pos"])}, sim.state)
+def test_a_sum_of_forces_is_changed_in_place(sim):
+    view = View(sim.state, operator(), {}, {"gas.acc": np.zeros((3, 2))})
+    view.gas.acc += 1.0
+    assert view.gas.acc.sum() == 6.0
+    with pytest.raises(AttributeError, match="acc is a sum of several forces; expected a change in place"):
+        view.gas.acc = np.zeros((3, 2))
 
 
 def test_a_step_limit_of_each_effect_is_that_of_its_operators(sim):
