@@ -24,7 +24,7 @@ from discsim.numerics.poisson import ROWS
 from discsim.numerics.world import Needed
 from discsim.ranks.drag import numbers_of
 from discsim.ranks.exchange import runs_of
-from discsim.ranks.gravity import Nodes, nodes_of
+from discsim.ranks.gravity import Nodes, nodes_of_slab_rows
 from discsim.ranks.shares import Share
 from discsim.ranks.sph import HALO
 from discsim.ranks.windows import Windows, no_nodes
@@ -151,7 +151,7 @@ def of_windows(windows: Windows, grid: Grid, ranks: int) -> tuple[dict[str, Sent
     edges = np.array(Share.of(count, ROWS, ranks).edges)
     out = {}
     for name, size in (("density", grid.shape[0]), ("potential", count)):
-        rows = nodes_of(np.arange(size), grid.shape[0], border)
+        rows = nodes_of_slab_rows(np.arange(size), grid.shape[0], border)
         of_slabs, window = np.empty((ranks, ranks)), np.empty(ranks, np.int64)
         for some in np.array_split(np.arange(ranks), -(-ranks // AT_ONCE)):
             begin, end = windows.columns(slice(some[0], some[-1] + 1), rows, ring=name == "potential")

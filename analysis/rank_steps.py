@@ -26,7 +26,7 @@ from discsim.numerics.grid import Grid
 from discsim.ranks.begin import divide
 from discsim.ranks.comm import Comm
 from discsim.ranks.gravity import Nodes
-from discsim.ranks.slabs import Turn
+from discsim.ranks.slabs import AllToAll
 from discsim.ranks.start import begun
 from discsim.ranks.traffic import Sum
 
@@ -36,7 +36,8 @@ STEPS = 8  # none of which sorts; of each part of one the least is told, as othe
 # Methods that belong to other parts of a step than what else gravity does, which goes with the nodes of a window.
 PARTS = {
     (Nodes, "about"): "grid particles", (Grid, "extent"): "grid particles", (Grid, "deposit"): "grid particles",
-    (Grid, "pull"): "grid particles", (Turn, "forth"): "transforms", (Turn, "back"): "transforms",
+    (Grid, "pull"): "grid particles", (AllToAll, "gather_second_axis"): "transforms",
+    (AllToAll, "gather_first_axis"): "transforms",
 }  # fmt: skip
 
 

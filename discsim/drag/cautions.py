@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from discsim.drag.width import drift_error
-from discsim.numerics.layout import LOADED
+from discsim.numerics.layout import NOISY_LOADING
 from discsim.parts import SCHEMES, USUAL_SCHEME
 from discsim.physics import laws
 from discsim.physics.local import Local
@@ -76,7 +76,7 @@ def _of_wide_cells(scene: Scene, at: Local) -> Iterator[str]:
 
 def _of_cells(scene: Scene, at: Local) -> Iterator[str]:
     """Yield warnings of cells with too few particles."""
-    strong = sum(dust.ratio for dust in scene.dust or ()) > LOADED
+    strong = sum(dust.ratio for dust in scene.dust or ()) > NOISY_LOADING
     if not strong or scene.drag.direction == "one-way":
         return
     found, dim = at.in_drag_cells(), scene.space.dimensions

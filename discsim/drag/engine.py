@@ -11,7 +11,7 @@ from discsim.drag.base import EMPTY, CellRule, Dust, Gas, Kicked, Law, Scheme, W
 from discsim.drag.classes import Classes
 from discsim.drag.width import Width
 from discsim.numerics import world
-from discsim.numerics.layout import SOFT
+from discsim.numerics.layout import MAX_CELL_GROWTH
 from discsim.numerics.totals import mean, total
 from discsim.parts import SCHEMES, Lazy
 from discsim.physics.eos import thermal_speed
@@ -189,8 +189,8 @@ class Engine:
         # With drag.cell_length a leaf has the wanted side; with a number of h leaves double up to it.
         return CellRule(
             self.dim, self.classes.number, lattice, lengths, of_scheme.share * number, lattice.side if length else 0.0,
-            of_scheme.least(scene) if of_scheme.least else (1, 0), SOFT, 8.0 if self.dim == 1 else 4.0, two_way,
-            state.step + state.earlier,
+            of_scheme.least(scene) if of_scheme.least else (1, 0), MAX_CELL_GROWTH, 8.0 if self.dim == 1 else 4.0,
+            two_way, state.step + state.earlier,
         )  # fmt: skip
 
     def _work(self, heat: Array) -> Work:

@@ -90,7 +90,7 @@ def _only_unsorted_changed(known: Sample, ids: Array, every: int) -> bool:
 
     This holds while the array begins at the same place in memory, as sorting makes a new one.
     """
-    return known.power == every and world.processes.many and alloc.begin_alike(known.ids, ids)
+    return known.power == every and world.processes.many and alloc.same_address(known.ids, ids)
 
 
 def _still_there(rows: Array, before: Array, ids: Array, every: int) -> bool:

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from discsim.drag.base import NO_KERNEL, UNSHARED, Cells, Kicked, Scheme
-from discsim.numerics.layout import LOADED
+from discsim.numerics.layout import NOISY_LOADING
 from discsim.parts import Lazy
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ def least(scene: Scene) -> tuple[int, int]:
     if scene.space.dimensions == 1:
         return 4, 4
     # Shot noise in the loading matters at dust-to-gas ratios near one.
-    loaded = sum(population.ratio for population in scene.dust) > LOADED
+    loaded = sum(population.ratio for population in scene.dust) > NOISY_LOADING
     return 8, 30 if loaded and scene.drag.direction == "two-way" else 8
 
 

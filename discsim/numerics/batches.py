@@ -1,4 +1,4 @@
-"""Bounding boxes of batches of rows, computed by `kernels/mpi/batches.py` on several threads."""
+"""Bounding boxes of batches, each of BATCH consecutive particles, computed on several threads."""
 
 import numpy as np
 
@@ -11,12 +11,18 @@ LEAST = 64  # least number of batches in a chunk
 
 
 def bounds_of(pos: Array) -> Array:
-    """Return the bounds (batches, 4) of positions (n, d): least and largest x, then y."""
-    return bounds_anew(np.empty((0, 4)), pos, np.empty(0, np.int64))
+    """Return the bounding box of each batch of positions (n, d): smallest x, largest x, smallest y, largest y.
+
+    The result is (batches, 4).
+    """
+    return update_bounds(np.empty((0, 4)), pos, np.empty(0, np.int64))
 
 
-def bounds_anew(bounds: Array, pos: Array, rows: Array) -> Array:
-    """Return `bounds` updated for positions (n, d) after a change of some `rows` and of the number of rows."""
+def update_bounds(bounds: Array, pos: Array, rows: Array) -> Array:
+    """Return new bounds (batches, 4) of positions (n, d), from the former `bounds`.
+
+    rows: rows whose positions have changed. The number of rows may have changed too.
+    """
     out = np.empty((-(-len(pos) // BATCH), 4))
     same = min(len(bounds), len(out))
     out[:same] = bounds[:same]

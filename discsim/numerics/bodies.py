@@ -22,20 +22,20 @@ class Bodies:
     pos, vel : ndarray, shape (n, 2)
         Positions and velocities in the frame of the run.
     acc : ndarray, shape (n, 2)
-        Accelerations of the kick, without those of the drift, the Kepler motion about the star.
+        Accelerations used in kicks. They exclude the Kepler motion about the star, which is part of the drift.
     pulled : ndarray, shape (n, 2, 2)
-        Accelerations by gas and by dust, computed even if a body does not feel them.
+        Accelerations by gas ([:, 0]) and by dust ([:, 1]), computed even for a body that does not feel them.
     accreted : ndarray, shape (n, 2)
-        Accreted masses of gas and dust.
+        Accreted masses of gas ([:, 0]) and dust ([:, 1]).
     gained : ndarray, shape (n,)
         Part of the accreted mass that is included in `mass`.
     begun : ndarray, shape (n,)
-        Time at which the ramp and the fixed orbit began; below 0 in a run that continues from a snapshot.
+        Time at which the ramp of the mass and the fixed orbit began; below 0 if the run continues from a snapshot.
     felt : ndarray, shape (n,)
-        Masses that gas and dust feel, at pos + shift. They differ from `mass` and `pos` only during a ramp
+        Masses of the bodies in the gravity on gas and dust. They differ from `mass` only during a ramp
         (`physics/orbits.py`).
     shift : ndarray, shape (2,)
-        Displacement of the felt positions.
+        Displacement of all bodies in the gravity on gas and dust; not 0 only during a ramp.
     """
 
     mass: Array
@@ -61,7 +61,7 @@ class Bodies:
         return len(self.mass)
 
     def name(self, number: int) -> str:
-        """Return the name of a body for messages."""
+        """Return the name of body `number` for messages."""
         return f"companion {number}" if number > 0 else "the star"
 
     def arrays(self) -> dict[str, Array]:
@@ -75,10 +75,10 @@ class Bodies:
 
     @property
     def felt_pos(self) -> Array:
-        """Positions (n, 2) at which gas and dust feel the bodies."""
+        """Positions (n, 2) of the bodies in the gravity on gas and dust."""
         return self.pos + self.shift
 
     def barycentre(self, chosen: Array) -> tuple[Array, Array]:
-        """Return position and velocity (2,) of the barycentre of the bodies `chosen`, a mask (n,)."""
+        """Return position and velocity, (2,) each, of the barycentre of some bodies; chosen (n,): mask of these."""
         share = self.mass * chosen / self.mass[chosen].sum()
         return share @ self.pos, share @ self.vel

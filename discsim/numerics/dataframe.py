@@ -9,15 +9,15 @@ import numpy as np
 
 from discsim.parts import command_of_extra
 
-SHORT = {"pos": "", "vel": "v", "acc": "a"}  # prefixes of the columns of their components
+COLUMN_PREFIXES = {"pos": "", "vel": "v", "acc": "a"}  # column x of vel is vx
 AXES = "xy"
 
 
 def dataframe_of(arrays: Mapping[str, np.ndarray]) -> Any:
-    """Return a DataFrame with copies of arrays (n,) and (n, dimensions) by name, with `ids` as its index.
+    """Return a pandas DataFrame with copies of particle arrays, and `ids` as its index.
 
-    pos, vel and acc have the columns x, y, vx, vy, ax, ay; other vectors name_x and name_y. Raises ImportError if
-    pandas is not installed.
+    arrays: (n,) or (n, dimensions), by name. Components of pos, vel and acc are the columns x, y, vx, vy, ax, ay; those
+    of other vectors are name_x and name_y. Raises ImportError if pandas is not installed.
     """
     try:
         import pandas
@@ -31,6 +31,6 @@ def dataframe_of(arrays: Mapping[str, np.ndarray]) -> Any:
         if array.ndim == 1:
             columns[name] = array.copy()
             continue
-        begin = SHORT.get(name, f"{name}_")
+        begin = COLUMN_PREFIXES.get(name, f"{name}_")
         columns |= {f"{begin}{axis}": array[:, k].copy() for k, axis in enumerate(AXES[: array.shape[1]])}
     return pandas.DataFrame(columns, index=pandas.Index(arrays["ids"].copy(), name="ids"))

@@ -24,11 +24,14 @@ NOT_NEGATIVE = {
 
 
 class EntryError(UserError, ValueError):
-    """An array or a value is absent, or has a wrong type, shape or range; the message names it."""
+    """Error for an array or a value that is absent or has a wrong type, shape or range; the message names it."""
 
 
 def check_arrays(species: str, arrays: Mapping[str, Array], dimensions: int) -> int:
-    """Check types, shapes and memory layout of the arrays of a species; return their length. Raises EntryError."""
+    """Check types, shapes and memory layout of the arrays of a species, and return the number of particles.
+
+    Raises EntryError.
+    """
     count = -1
     for name, array in arrays.items():
         wanted = np.dtype(TYPES.get(name, np.float64))
@@ -47,7 +50,7 @@ def check_arrays(species: str, arrays: Mapping[str, Array], dimensions: int) -> 
 
 
 def check_like(species: str, arrays: Mapping[str, Array], others: Mapping[str, Array]) -> None:
-    """Check that arrays have the names, types and shapes of `others`. Raises EntryError."""
+    """Raise EntryError unless `arrays` have the names, types and shapes of `others`; species: name for messages."""
     if arrays.keys() != others.keys():
         raise EntryError(f"{species} has the arrays {', '.join(arrays)}; expected {', '.join(others)}")
     for name, other in others.items():
@@ -58,7 +61,10 @@ def check_like(species: str, arrays: Mapping[str, Array], others: Mapping[str, A
 
 
 def check_ranges(species: str, arrays: Mapping[str, Array], populations: int = 0, time: float = math.inf) -> None:
-    """Check indices and signs in arrays of a species, and that bodies began by `time`. Raises EntryError."""
+    """Check signs and population indices in the arrays of a species; for bodies, that `begun` is not after `time`.
+
+    populations: number of dust populations. Raises EntryError.
+    """
     for name in POSITIVE.get(species, ()):
         if name in arrays and len(arrays[name]) and not arrays[name].min() > 0.0:
             _refuse(species, name, arrays[name], arrays[name] > 0.0, "a positive number")
@@ -75,7 +81,7 @@ def check_ranges(species: str, arrays: Mapping[str, Array], populations: int = 0
 
 
 def check_finite(species: str, arrays: Mapping[str, Array]) -> None:
-    """Check that all numbers are finite. Raises EntryError."""
+    """Raise EntryError unless all floating-point numbers in `arrays` are finite."""
     for name, array in arrays.items():
         if array.dtype.kind == "f" and not np.isfinite(array).all():
             _refuse(species, name, array, np.isfinite(array), "a finite number")

@@ -1,4 +1,4 @@
-"""The uniform grid of a run: cloud-in-cell deposit, and gather with the same weights.
+"""Uniform grid of a run: cloud-in-cell deposit of particles, and gather of fields with the same weights.
 
 Cloud in cell: Hockney & Eastwood (1988), ch. 5. With equal weights in deposit and gather and a centred difference
 between them, no particle exerts a force on itself, and momentum is conserved.
@@ -29,11 +29,11 @@ BORDER = 2  # nodes beyond an open edge in the stencil of a centred gradient at 
 
 
 class Extent(NamedTuple):
-    """Extent of the nodes about the particles on a grid, by the index of the first node about each particle.
+    """Range of the grid nodes that particles touch.
 
-    least, most: least and largest index along y (bands,) in each band of kernels.BAND rows. low, high: least and
-    largest index along x. off: number of particles off the grid. If no particle is on it, the least exceeds the
-    largest.
+    Each particle touches two nodes along an axis; only the index of the first one is counted. low, high: smallest and
+    largest index along x. least, most (bands,): smallest and largest index along y, in each band of kernels.BAND rows.
+    The smallest exceeds the largest if there are no particles. off: number of particles off the grid.
     """
 
     least: Array
@@ -45,10 +45,11 @@ class Extent(NamedTuple):
 
 @dataclass(frozen=True)
 class Grid:
-    """Square cells of side `cell` from the corner `origin`; fields (nx, ny) are at cell centres, the nodes; 1D: ny = 1.
+    """Grid of square cells with side `cell`, from the lower corner `origin`. shape: (nx, ny); in 1D ny = 1.
 
-    Positions are (n, dimensions). A particle is off an open grid if one of the nodes about it is missing. Methods
-    with `first` take a field on a part of the grid that begins at this node and has all nodes about the particles.
+    Nodes are the centres of cells; fields (nx, ny) have their values at nodes. Positions are (n, dimensions). A
+    particle is off an open grid if one of the nodes that it touches is missing. If a method has an argument `first`,
+    its fields cover a part of the grid: it begins at the node `first` and has all nodes that the particles touch.
     """
 
     origin: tuple[float, float]
@@ -58,9 +59,10 @@ class Grid:
 
     @classmethod
     def from_scene(cls, scene: Scene, particles: int) -> Grid:
-        """Return the grid of `scene.space`; without `space.cells`, with about as many cells as `particles`.
+        """Return the grid of `scene.space`.
 
-        Raises ValueError for a periodic box whose sides are not whole numbers of square cells.
+        If the scene has no `space.cells`, the grid has about as many cells as `particles`. Raises ValueError for a
+        periodic box whose sides are not whole numbers of square cells.
         """
         cell, shape = grid_cells(scene, particles)
         counts = [*shape]
@@ -89,11 +91,11 @@ class Grid:
         first: Node = ORIGIN,
         pieces: tuple[Array, Array] | None = None,
     ) -> Array:
-        """Deposit the particles on the grid: return their surface density (nx, ny), in 1D mass per length.
+        """Deposit particles on the grid, and return their surface density (nx, ny); in 1D mass per length.
 
-        out: array to which it is added. pieces: first rows and ends (pieces,) of ranges of the arrays, in the order
-        of summation; None: the order of the arrays. The sum over nodes times the cell's area is the mass of the
-        particles on the grid, to rounding.
+        pos (n, dimensions), mass (n,): the particles. out: array to which the density is added. pieces: order of
+        summation, as first rows and ends (pieces,) of ranges of the arrays; None: in the order of the arrays. The sum
+        over nodes times the area of a cell is the mass of the particles on the grid, to rounding.
         """
         if pieces is None:
             pieces = np.zeros(1, np.int64)[: len(pos)], np.array([len(pos)])[: len(pos)]
@@ -115,9 +117,9 @@ class Grid:
         return out
 
     def gather(self, field: Array, pos: Array, first: Node = ORIGIN) -> Array:
-        """Gather a field at the particles with the weights of the deposit; 0 off the grid.
+        """Return a field interpolated to particles with the weights of `deposit`; 0 off the grid.
 
-        A field (nx, ny) gives (n,), and a vector field (nx, ny, 2) gives (n, dimensions).
+        The result is (n,) for a field (nx, ny), and (n, dimensions) for a vector field (nx, ny, 2).
         """
         scalar = field.ndim == 2
         out = np.empty((len(pos), 1 if scalar else pos.shape[1]))
@@ -129,10 +131,10 @@ class Grid:
     def pull(
         self, gradient: Array, several: Iterable[tuple[Array, Array]], first: Node = ORIGIN
     ) -> list[tuple[float, int]]:
-        """Gather `gradient` (nx, ny, 2) and subtract it from the accelerations of several species.
+        """Interpolate `gradient` (nx, ny, 2) to particles, and subtract it from their accelerations.
 
-        several: positions and accelerations (n, dimensions) of each. Particles off the grid are not changed. Return
-        for each species the largest length of the gathered vectors, and the number of particles off the grid.
+        several: positions and accelerations (n, dimensions) of each species. Particles off the grid are not changed.
+        Return for each species the largest length of the subtracted vectors, and the number of particles off the grid.
         """
         where = self.origin, 1.0 / self.cell, self.periodic, (*self.shape, *first)
         ranges, found = [], []
@@ -145,7 +147,10 @@ class Grid:
         return [(float(np.sqrt(largest.max(initial=0.0))), int(missing.sum())) for largest, missing in found]
 
     def places(self, pos: Array) -> tuple[Array, int]:
-        """Return sort keys (n,) by cell that give memory locality, and one more than the largest key."""
+        """Return sort keys (n,) of particles, by cell, and one more than the largest key.
+
+        Particles that are near each other in this order are mostly near each other in space.
+        """
         key = np.empty(len(pos), np.uint32)
         parallel_for(kernels.places_of, len(pos), pos, self.origin, 1.0 / self.cell, self.shape, self.periodic, key)
         return key, int(key.max(initial=0)) + 1
@@ -158,19 +163,18 @@ class Grid:
         return np.flatnonzero(outside)
 
     def extent(self, pos: Array, bounds: Array) -> Extent:
-        """Return the extent of the nodes about particles; bounds: those of `numerics/batches.py`."""
+        """Return the range of nodes that particles touch; bounds: those of `pos` from `numerics/batches.py`."""
         given = pos, bounds, self.origin, 1.0 / self.cell, self.shape, self.periodic
         least, most, low, high, off = zip(*parallel_for(kernels.extents, len(bounds), *given, least=LEAST), strict=True)
         return Extent(np.min(least, axis=0), np.max(most, axis=0), min(low), max(high), sum(off))
 
     def gradient(self, field: Array, out: Array | None = None, columns: tuple[Array, Array] | None = None) -> Array:
-        """Return the gradient (nx, ny, 2) of fourth order at the nodes of `field` (nx, ny).
+        """Return the fourth-order gradient (nx, ny, 2) of a field.
 
-        Differences are centred, except at open edges. They are centred there too if `field` has a border of BORDER
-        nodes on every side; then no particle exerts a force on itself. out: array for the result, which may be on a
-        part of the grid. columns: begin and end (nx,) of each row to compute; None: whole rows.
-
-        Raises ValueError for an open grid of fewer than five cells a side.
+        field: (nx, ny), or larger by a border of BORDER nodes on every side. Without a border differences at open edges
+        are one-sided. With centred differences everywhere no particle exerts a force on itself. out: array for the
+        result, which may cover a part of the grid. columns: first column and end (nx,) to compute in each row; None:
+        whole rows. Raises ValueError for an open grid with fewer than five cells along a side.
         """
         if not self.periodic and min(self.shape) < 5:
             raise ValueError(f"an open grid with gravity needs at least 5 cells a side, not {self.shape}")
@@ -182,6 +186,6 @@ class Grid:
 
     @staticmethod
     def within(field: Array, shape: tuple[int, int]) -> Array:
-        """Return the inner part of `shape` of a field that may have a border along each axis."""
+        """Return the inner part, of the given `shape`, of a field that may have a border on every side."""
         x, y = (field.shape[axis] - shape[axis] >> 1 for axis in range(2))
         return np.ascontiguousarray(field[x : x + shape[0], y : y + shape[1]])

@@ -1,7 +1,8 @@
-"""Sizes of the cells of the grid and of drag cells. Numpy only.
+"""Sizes of grid cells and of drag cells. Needs only numpy.
 
-The run and `discsim check` call the same functions, and those of a scheme's `Cells` (`drag/base.py`). Drag cells are
-blocks of 2^n by 2^n leaves. In two dimensions leaves are whole cells of the grid (`kernels/drag/blocks.py`).
+Both a run and `discsim check` call these functions and the `Cells` of a drag scheme (`drag/base.py`). Drag cells are
+blocks of 2^n by 2^n leaves, the smallest squares of their lattice. In two dimensions the side of a leaf is a multiple
+of the side of a grid cell (`kernels/drag/blocks.py`).
 """
 
 from __future__ import annotations
@@ -16,15 +17,15 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 LEVELS = 5  # a drag cell is at most 2^LEVELS leaves wide, as in kernels/drag/blocks.py
-SOFT = 2.0  # largest side of cells that grow for lack of particles, over their target side
-LOADED = 0.1  # dust-to-gas ratio above which shot noise in the loading matters
+MAX_CELL_GROWTH = 2.0  # largest side of cells that grow for lack of particles, over their target side
+NOISY_LOADING = 0.1  # dust-to-gas ratio above which shot noise in the loading matters
 
 
 def grid_cells(scene: Scene, particles: int) -> tuple[float, tuple[int, ...]]:
-    """Return the side of the square cells of `scene.space`, and their number along each axis.
+    """Return the side of the square grid cells of a scene, and their number along each axis.
 
-    Without `space.cells` there are about as many cells as `particles`. Along an open side the number is rounded up, so
-    that cells cover it.
+    If the scene has no `space.cells`, there are about as many cells as `particles`. With open edges the numbers are
+    rounded up, so that the cells cover the box.
     """
     size, cells = scene.space.size, scene.space.cells
     if not cells:
@@ -38,10 +39,11 @@ def grid_cells(scene: Scene, particles: int) -> tuple[float, tuple[int, ...]]:
 
 
 def leaves(wanted: float, cell: float, shape: tuple[int, ...], periodic: bool, gas: int) -> tuple[float, list[int]]:
-    """Return the side of leaves at least `wanted` wide on a grid of `shape` cells of side `cell`, and their numbers.
+    """Return the side of the leaves of drag cells, and their number along each axis.
 
-    In one dimension, a `shape` of one number, leaves need not be whole cells. There are at most four per gas particle,
-    as finer ones would be empty.
+    wanted: smallest allowed side. cell, shape: side and numbers of grid cells. gas: number of gas particles. In two
+    dimensions the side is a multiple of `cell`. In one dimension (`shape` has one number) any side is possible, but
+    there are at most four leaves per gas particle, as finer ones would be empty.
     """
     if len(shape) == 2:
         whole = max(1, int(np.ceil(wanted / cell - 1e-9)))
@@ -57,6 +59,9 @@ def leaves(wanted: float, cell: float, shape: tuple[int, ...], periodic: bool, g
 
 
 def side_of_blocks(leaf: float, wanted: Array) -> Array:
-    """Return the sides (n,) of the smallest blocks of leaves that are at least `wanted` (n,) wide."""
+    """Return the sides (n,) of the smallest blocks of leaves with sides of at least `wanted` (n,).
+
+    leaf: side of a leaf. Blocks are at most 2^LEVELS leaves wide.
+    """
     level = np.ceil(np.log2(np.maximum(wanted * (1.0 - 1e-9) / leaf, 1.0)))
     return leaf * 2.0 ** np.minimum(level, LEVELS)

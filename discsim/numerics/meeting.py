@@ -1,8 +1,9 @@
-"""Neighbour lists between gas and grains, for sums over gas at each grain and over grains at each gas particle.
+"""Neighbour lists between gas and dust grains, for sums over gas at each grain and over grains at each gas particle.
 
-A grain is a neighbour of the gas particles whose support contains it, and they are its neighbours. With several
-processes, `Meeting.gas` and `Meeting.grains` extend arrays of local particles by ghosts (`world.Fetched`). Sums are
-complete at local particles only: if a later sum reads the result of an earlier one, ghosts have to be refreshed first.
+A grain and a gas particle are neighbours if the grain is within the support of the gas particle. With several
+processes, `Meeting.gas` and `Meeting.grains` combine arrays of local particles with ghosts (`world.Fetched`). Sums are
+complete at local particles only. If a later sum reads the result of an earlier one, its ghost entries have to be
+refreshed before.
 """
 
 from __future__ import annotations
@@ -33,13 +34,13 @@ if TYPE_CHECKING:
 
 halo = Lazy("discsim.kernels.mpi.halo")
 Array = np.ndarray
-NONE = np.empty(0)
-IN_A_CELL = 8.0  # mean number of grains in a cell of grains
+NO_ENTRIES = np.empty(0)
+GRAINS_PER_CELL = 8.0  # mean number of grains in a cell of grains
 
 
 @dataclass
 class Grains:
-    """Grains at positions pos (n, d); place (n,): their keys in the global order (`Particles`)."""
+    """Grains at positions pos (n, d); global_index (n,): their keys in the global order (see `Particles`)."""
 
     pos: Array
     global_index: Array | None
@@ -50,7 +51,7 @@ class Grains:
 
 
 class Surroundings:
-    """The present gas, sorted into cells for neighbour search by grains."""
+    """Gas sorted into cells, in which neighbours of grains are searched."""
 
     def __init__(self, sph: Sph, gas: Gas) -> None:
         self.sph, self.gas = sph, gas
@@ -62,22 +63,26 @@ class Surroundings:
         return cells_in(self.grids, self.classes, self.gas.pos, self.gas.h)
 
     def meet(self, pos: Array, global_index: Array | None) -> Meeting:
-        """Return the neighbour lists with grains at positions pos (n, d)."""
+        """Return the neighbour lists between this gas and grains at positions pos (n, d).
+
+        global_index (n,): keys of the grains in the global order; None on one process.
+        """
         return Meeting(self, Grains(pos, global_index))
 
 
 class Meeting:
-    """Neighbours between gas and grains.
+    """Neighbour lists between gas and grains.
 
-    gas, grains: `world.Fetched` of each, which extends local arrays by ghosts. pos, h, grain_pos: arrays with ghosts.
-    cells, grain_cells: cells with ghosts; `filled` lists those with local particles.
+    gas, grains: `world.Fetched` of each, which combine local arrays with ghosts. pos, h: positions and smoothing
+    lengths of gas with ghosts. grain_pos: positions of grains with ghosts. cells, grain_cells: cells of both, with
+    ghosts; `filled` lists the cells with local particles.
     """
 
     def __init__(self, gas: Surroundings, grains: Grains) -> None:
         grids, classes = _grids_of(gas.sph, grains)
-        gas_grids, flat, gas_key, key = gas.grids, gas.sph.dim == 1, NONE, NONE
+        gas_grids, flat, gas_key, key = gas.grids, gas.sph.dim == 1, NO_ENTRIES, NO_ENTRIES
         if world.processes.many:
-            about = _about((gas_grids, gas.classes, gas.gas.pos), (grids, classes, grains.pos))
+            about = _box_of_cells((gas_grids, gas.classes, gas.gas.pos), (grids, classes, grains.pos))
             widest = np.full(len(grids.table), gas_grids.table[:, REACH].max())
             grids, gas_grids = grids.near(*about, widest), gas_grids.near(*about, gas_grids.table[:, REACH])
             gas_key, key = keys_in(gas_grids, gas.classes, gas.gas.pos), keys_in(grids, classes, grains.pos)
@@ -92,17 +97,17 @@ class Meeting:
             self.cells = gas.cells
             return
         cells = cells_in(gas_grids, self.gas.of(gas.classes), self.pos, self.h, self.gas.global_index)
-        self.cells = cells._replace(filled=_filled(gas_key))
-        self.grain_cells = self.grain_cells._replace(filled=_filled(key))
+        self.cells = cells._replace(filled=_filled_cells(gas_key))
+        self.grain_cells = self.grain_cells._replace(filled=_filled_cells(key))
 
     @cached_property
     def grains_about(self) -> list[Any]:
-        """Candidate grains of each cell of gas, a list for each chunk of `share`."""
+        """Grains that may be neighbours of the gas in each cell of gas, a list for each chunk of `parallel_for`."""
         return candidates(self.cells, self.grain_cells, mutual=False)
 
     @cached_property
     def gas_about(self) -> list[Any]:
-        """Candidate gas of each cell of grains, a list for each chunk of `share`."""
+        """Gas that may be a neighbour of the grains in each cell of grains, a list for each chunk of `parallel_for`."""
         return candidates(self.grain_cells, self.cells, mutual=True, extent=0.0)
 
 
@@ -110,28 +115,32 @@ def _grids_of(sph: Sph, grains: Grains) -> tuple[Grids, Array]:
     low, width = (np.zeros(2), sph.size) if sph.periodic else box_about(grains.pos, world.processes)
     sides = width[width > 1e-300]
     count = int(world.processes.sum(grains.count))
-    side = (IN_A_CELL * np.prod(sides) / count) ** (1.0 / max(1, len(sides)))
+    side = (GRAINS_PER_CELL * np.prod(sides) / count) ** (1.0 / max(1, len(sides)))
     return grids_of(grains.pos, np.full(grains.count, side), 1.0, low, width, sph.periodic, world.processes)
 
 
-def _about(*some: tuple[Grids, Array, Array]) -> tuple[Array, Array]:
-    """Return the least and largest coordinates (2,) of the cells of several sets of particles."""
+def _box_of_cells(*some: tuple[Grids, Array, Array]) -> tuple[Array, Array]:
+    """Return the corners, (2,) each, of the box about the cells of several sets of particles.
+
+    some: grids, size classes (n,) and positions (n, d) of each set.
+    """
     found = [corners_of_cells(*each) for each in some if len(each[2]) > 0] or [corners(some[0][2])]
     return np.min([low for low, _ in found], axis=0), np.max([high for _, high in found], axis=0)
 
 
-def _filled(key: Array) -> Array:
+def _filled_cells(key: Array) -> Array:
     return np.flatnonzero(np.bincount(key))
 
 
 def _needed(grids: Grids, key: Array, others: Grids, other_key: Array, reach_of: int, flat: bool) -> world.Needed:
-    """Return the cells of `grids` whose particles are needed here, with their numbers on the whole grids.
+    """Return the cells of `grids` whose particles are needed on this process.
 
-    They are the cells of local particles, with cell numbers `key` (m,), and all cells within reach of the cells
-    `other_key` (n,) of the other species. reach_of: halo.OWN or halo.THEIRS, the species whose reach counts.
+    They are the cells of local particles, and all cells within reach of local particles of the other species. key (m,),
+    other_key (n,): cell numbers of local particles of both species. others: grids of the other species. reach_of:
+    species whose reach counts, halo.OWN or halo.THEIRS. flat: whether the scene is one-dimensional.
     """
     away, periodic = grids.low - others.low, grids.periodic
-    needed = halo.mark_cells(_filled(other_key), others.table, away, grids.table, reach_of, 1.0, flat, periodic)
+    needed = halo.mark_cells(_filled_cells(other_key), others.table, away, grids.table, reach_of, 1.0, flat, periodic)
     needed[key] = True
     numbers = grids.numbers()
     return world.Needed(needed, numbers, numbers + 1)

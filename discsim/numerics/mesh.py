@@ -1,5 +1,7 @@
-"""Particle-mesh gravity (Hockney & Eastwood 1988, ch. 5): deposit, potential by FFT, centred difference, and gather
-with the weights of the deposit.
+"""Particle-mesh gravity (Hockney & Eastwood 1988, ch. 5).
+
+Mass is deposited on a grid. The potential is computed by FFT, its gradient by centred differences. The gradient is then
+interpolated to the particles with the weights of the deposit.
 """
 
 from __future__ import annotations
@@ -51,10 +53,10 @@ class Mesh:
         return np.empty((*self.grid.shape, 2))
 
     def solve(self, species: Mapping[str, Particles], sources: Iterable[str]) -> None:
-        """Compute the potential of the `sources` at their present positions.
+        """Compute the potential of the species named in `sources`, at their present positions.
 
-        species: all particles by name, of sources and of particles at which the field is gathered later. Raises
-        ValueError like `Poisson`.
+        species: particles by name, both of the sources and of other species that feel the potential. Raises ValueError
+        as `Poisson`.
         """
         parallel_for(moves.blank, len(self.density), self.density, least=64)
         for name in sources:
@@ -69,9 +71,10 @@ class Mesh:
         self.grid.gradient(self._potential, out=self._gradient)
 
     def pull(self, several: Iterable[tuple[Array, Array]]) -> list[tuple[float, int]]:
-        """Add self-gravity to the accelerations of several species, given by positions and accelerations (n, d).
+        """Add self-gravity to the accelerations of several species.
 
-        Return for each species the largest acceleration, and the number of particles off the grid.
+        several: positions and accelerations (n, d) of each species. Return for each species the largest acceleration by
+        self-gravity, and the number of particles off the grid.
         """
         return self.grid.pull(self._gradient, several, self.first)
 

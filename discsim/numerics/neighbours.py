@@ -1,7 +1,8 @@
 """Neighbour search by cells, with `kernels/common/neighbours.py` and `kernels/common/candidates.py`.
 
-Particles are sorted into size classes by their support, each with a grid of cells. A candidate list of a cell holds
-all particles that may be neighbours of a particle in the cell; kernels then test the distance of each pair.
+Particles are sorted into size classes by their support radius, `extent` times h. Each class has its own grid of cells.
+The candidate list of a cell has all particles that may be neighbours of any particle in the cell; kernels then test
+the distance of each pair. The reach of a class is its largest support radius.
 """
 
 from __future__ import annotations
@@ -31,15 +32,16 @@ from discsim.numerics.threads import parallel_for
 from discsim.numerics.world import Alone
 
 Array = np.ndarray
-ALONE = Alone()
+SERIAL = Alone()
 LEAST = 64  # least number of cells in a chunk
 
 
 class Grids(NamedTuple):
     """Grids of all size classes of particles, one grid for each class.
 
-    table (grids, 10): columns FIRST, NX, ... of `kernels/common/neighbours.py`. cells: total number of cells. edges:
-    largest support of each class. extent: support radius in h. low, width (2,): the box.
+    table (grids, 10): one row per grid, with the columns FIRST, NX, ... of `kernels/common/neighbours.py`. cells: total
+    number of cells. edges: upper limit of the support radius of each class. extent: support radius over h. low, width
+    (2,): lower corner and widths of the box.
     """
 
     table: Array
@@ -51,9 +53,10 @@ class Grids(NamedTuple):
     periodic: bool
 
     def near(self, low: Array, high: Array, reach: Array) -> Grids:
-        """Return the part of each grid within `reach` (grids,) of the box from `low` to `high` (2,).
+        """Return the parts of the grids near the box from `low` to `high` (2,).
 
-        A part that crosses an edge of a periodic box is extended along that axis to the whole grid.
+        reach (grids,): distance from the box up to which the cells of each grid are included. A part that crosses an
+        edge of a periodic box is extended along that axis to the whole grid.
         """
         table = self.table.copy()
         for row, length in zip(table, reach, strict=True):
@@ -71,7 +74,7 @@ class Grids(NamedTuple):
         return self._replace(table=table, cells=int(held.sum()))
 
     def numbers(self) -> Array:
-        """Return the number (cells,) of each cell of these parts in the whole grids."""
+        """Return the numbers (cells,) that the cells of these parts have in the whole grids."""
         found, first = [], 0
         for row in self.table[:, NX:].astype(np.int64):
             nx, ny, from_x, from_y, all_x, all_y = row[
@@ -82,8 +85,11 @@ class Grids(NamedTuple):
         return np.concatenate(found)
 
 
-def box_about(pos: Array, together: Any = ALONE) -> tuple[Array, Array]:
-    """Return lower corner and widths (2,) of the bounding box of positions (n, d); in 1D the second width is 0."""
+def box_about(pos: Array, together: Any = SERIAL) -> tuple[Array, Array]:
+    """Return lower corner and widths (2,) of the bounding box of positions (n, d); in 1D the second width is 0.
+
+    together: communication (`numerics/world.py`), for the box of the particles of all processes.
+    """
     least, most = together.corners(pos, corners)
     low, width = together.least(least), together.most(most)
     width -= low
@@ -92,14 +98,17 @@ def box_about(pos: Array, together: Any = ALONE) -> tuple[Array, Array]:
 
 
 def corners(pos: Array) -> tuple[Array, Array]:
-    """Return least and largest coordinates (2,) of positions (n, d); in 1D the second ones are 0."""
+    """Return the smallest and the largest coordinates, (2,) each, of positions (n, d); in 1D y is 0."""
     low, high = np.zeros(2), np.zeros(2)
-    low[: pos.shape[1]], high[: pos.shape[1]] = _extremes(pos)
+    low[: pos.shape[1]], high[: pos.shape[1]] = _column_extremes(pos)
     return low, high
 
 
 def corners_of_cells(grids: Grids, classes: Array, pos: Array) -> tuple[Array, Array]:
-    """Return least and largest coordinates (2,) of the cells of particles at positions (n, d) of `classes` (n,)."""
+    """Return the corners, (2,) each, of a box that encloses the cells of local particles.
+
+    classes (n,), pos (n, d): size class and position of each particle.
+    """
     low, high = world.processes.corners(pos, corners)
     held = [k for k in range(len(grids.table)) if np.any(classes == k)]
     side = grids.table[held, SIDE_X : SIDE_X + 2].max(axis=0, initial=0.0)
@@ -107,22 +116,23 @@ def corners_of_cells(grids: Grids, classes: Array, pos: Array) -> tuple[Array, A
 
 
 def sort_into_cells(pos: Array, h: Array, extent: float, low: Array, width: Array, periodic: bool) -> Cells:
-    """Sort particles at positions (n, d) with supports `extent` times h (n,) into cells.
+    """Sort particles at positions (n, d) with smoothing lengths h (n,) into cells.
 
-    low, width (2,): the box; in 1D width[1] is 0.
+    extent: support radius over h. low, width (2,): lower corner and widths of the box; in 1D width[1] is 0.
     """
     return cells_in(*grids_of(pos, h, extent, low, width, periodic), pos, h)
 
 
 def grids_of(
-    pos: Array, h: Array, extent: float, low: Array, width: Array, periodic: bool, together: Any = ALONE,
+    pos: Array, h: Array, extent: float, low: Array, width: Array, periodic: bool, together: Any = SERIAL,
     stretch: float = 1.0,
 ) -> tuple[Grids, Array]:  # fmt: skip
-    """Return grids for the particles of all processes of `together`, and the size class (n,) of each local particle.
+    """Return the grids, and the size class (n,) of each local particle; other arguments as in `sort_into_cells`.
 
-    stretch: factor by which cells are longer along x and narrower along y.
+    together: communication (`numerics/world.py`) of the processes that share the grids. stretch: factor by which cells
+    are longer along x and shorter along y.
     """
-    smallest, largest = _extremes(h[:, None])
+    smallest, largest = _column_extremes(h[:, None])
     least, most = (extent * float(h[0]) for h in (together.least(smallest), together.most(largest)))
     edges = (1.0 + 1e-12) * max(2.0 * least, most * 2.0 ** (1 - MAX_CLASSES)) * 2.0 ** np.arange(MAX_CLASSES)
     classes = np.empty(len(pos), np.uint8)
@@ -143,9 +153,10 @@ def keys_in(grids: Grids, classes: Array, pos: Array) -> Array:
 def cells_in(
     grids: Grids, classes: Array, pos: Array, h: Array, global_index: Array | None = None, key: Array | None = None
 ) -> Cells:
-    """Sort particles into the cells of given grids, within a cell in the order of arrays or of `global_index` (n,).
+    """Sort particles into the cells of given grids.
 
-    key (n,): result of `keys_in`, if known.
+    global_index (n,): order of particles within a cell; None: the order of the arrays. key (n,): result of `keys_in`,
+    if known.
     """
     key = keys_in(grids, classes, pos) if key is None else key
     order, start = counting_sort(key, grids.cells, global_index)
@@ -159,16 +170,16 @@ def cells_in(
 
 
 def candidates(points: Cells, among: Cells, mutual: bool, extent: float = 1.0, in_slabs: bool = False) -> list[Any]:
-    """List the particles of `among` within `extent` times the reach of each cell of `points`, by the chunks of `share`.
+    """Return candidate lists of the cells of `points`: particles of `among` within `extent` times the reach of a cell.
 
-    mutual: also list particles whose own support reaches the cell. in_slabs: sort candidates by slabs along x, in which
-    kernels find windows.
+    There is one entry for each chunk of `parallel_for`. mutual: whether to also list particles whose own support
+    reaches the cell. in_slabs: whether to sort candidates by slabs along x, in which kernels search for neighbours.
     """
     given = points.filled, points.bounds, extent, mutual, in_slabs, among
     return parallel_for(list_candidates, len(points.filled), *given, least=LEAST)
 
 
-def _extremes(values: Array) -> tuple[Array, Array]:
+def _column_extremes(values: Array) -> tuple[Array, Array]:
     # Least and largest of each column of values (n, columns), ignoring NaN.
     found = np.array(parallel_for(kernels.extremes, len(values), np.ascontiguousarray(values), light=True))
     return found[:, 0].min(axis=0), found[:, 1].max(axis=0)
@@ -177,8 +188,9 @@ def _extremes(values: Array) -> tuple[Array, Array]:
 def _lay_grids(
     members: Array, reach: Array, low: Array, width: Array, periodic: bool, stretch: float
 ) -> tuple[Array, int]:
-    """Return the table of grids over the box [low, low + width], and their total number of cells.
+    """Return the table of `Grids` for the box [low, low + width], and the total number of cells.
 
+    members, reach (classes,): number of particles and largest support radius of each class. stretch: as in `grids_of`.
     The number of cells per particle is bounded.
     """
     count = int(np.flatnonzero(members)[-1]) + 1

@@ -1,8 +1,9 @@
-"""Operators of effects: what each one does in a step, and the part of the state that it sees.
+"""Operators: functions of effects that a step calls, with the arrays that each may use.
 
-An effect lists its operators. The place of each in a step is its `Slot` (`run/integrators.py` has the order). Operators
-of the slots FIELD, FORCE, DRIFT_FORCE, LIMIT and KICK_INPUT may run at the same time as others. They declare the
-arrays that they read and write, and see no others. All other operators run one after another and see the whole state.
+An effect lists its operators. The `Slot` of an operator says when a step calls it (`run/integrators.py` has the order).
+Operators in the slots FIELD, FORCE, DRIFT_FORCE, LIMIT and KICK_INPUT may run at the same time as others. They declare
+the arrays that they read and write, and have access to no others. All other operators run one after another, with
+access to the whole state.
 """
 
 from __future__ import annotations
@@ -20,7 +21,9 @@ if TYPE_CHECKING:
 
 
 class Slot(Enum):
-    """Place of an operator in a step, and the arguments of its `run`.
+    """Stage of a step at which an operator is called.
+
+    The second column has the arguments of its `run`, the third one its result or what it changes:
 
         FIELD         run(view)       a result that forces need, such as a density or a potential
         FORCE         run(view)       accelerations
@@ -36,9 +39,9 @@ class Slot(Enum):
 
     Operators of DRIFT, and those of SORT, may run at the same time, so they must not use other species.
 
-    In the first half of a step, operators of AROUND_DRIFT see velocities ahead of positions (`state.lag` below 0), in
-    the second half behind them, and they run in the opposite order. On a circle of frequency Omega such velocities are
-    rotated against positions by asin(Omega lag), unless the drift rotates them too.
+    Operators of AROUND_DRIFT run twice. Before the drift, velocities are ahead of the positions (`state.lag` below 0).
+    After it, they are behind, and operators run in the opposite order. On a circular orbit of frequency Omega these
+    velocities are rotated relative to the positions by asin(Omega lag), unless the drift rotates velocities too.
     """
 
     FIELD = auto()
@@ -58,13 +61,13 @@ ALL = "all"  # key of a limit for all particles
 GROWS = 2.5  # a leapfrog of frequency 1 / step is unstable above 2; 2.5 leaves a margin, as limits are estimates
 
 # Attributes of the state that depend on the star and its companions, for operators that read "bodies".
-OF_BODIES = frozenset({
+BODY_ATTRIBUTES = frozenset({
     "bodies", "central", "central_mass", "star_mass", "star_pull", "star_place", "centre", "from_centre", "from_star",
     "kepler_omega", "cooled",
 })  # fmt: skip
 # Attributes of particles that every operator sees: numbers, order and spare memory, none of which a kernel changes.
-ALWAYS = frozenset({"count", "everywhere", "ids", "immobile", "global_index", "unsorted_rows", "spare"})
-PLAIN = frozenset({"scene", "time", "step", "earlier", "lag", "grid", "acc_unshared"})  # of the state
+COMMON_ARRAYS = frozenset({"count", "everywhere", "ids", "immobile", "global_index", "unsorted_rows", "spare"})
+PLAIN_ATTRIBUTES = frozenset({"scene", "time", "step", "earlier", "lag", "grid", "acc_unshared"})  # of the state
 
 
 class Limit(NamedTuple):
@@ -75,11 +78,11 @@ class Limit(NamedTuple):
     step : float
         Longest step, before the Courant factor.
     unstable : float or None
-        Step above which errors grow without end; None for GROWS times `step`, inf for none.
+        Step above which errors grow without bound. None (default): GROWS times `step`. inf: stable at any step.
     row : callable, optional
-        `row()` returns the index of the particle that sets the limit; by default the one with the largest acceleration.
+        `row()` returns the index of the particle that sets the limit. None: the particle with the largest acceleration.
     remedy : str
-        Change of the scene that makes the limit longer, for messages.
+        Change of the scene that makes `step` longer, for messages.
     """
 
     step: float
@@ -89,30 +92,31 @@ class Limit(NamedTuple):
 
     @property
     def growing(self) -> float:
-        """Step above which errors grow without end."""
+        """Step above which errors grow without bound."""
         return GROWS * self.step if self.unstable is None else self.unstable
 
 
 class Operator(NamedTuple):
-    """One operation of an effect in a step.
+    """Function of an effect that a step calls.
 
     Attributes
     ----------
     name : str
-        "<effect>.<noun>", which is also the name of the result of `run`.
+        "<effect>.<noun>"; the result of `run` has the same name.
     slot : Slot
-        Place in a step.
+        Stage of the step at which `run` is called.
     run : callable
-        The operation; its arguments are those of the slot.
+        Function with the arguments given in `Slot`.
     reads : frozenset of str
-        Arrays such as "gas.pos", results of other operators by name, and "bodies" for the star and its companions.
+        Names of the arrays that `run` reads, such as "gas.pos", names of other operators whose results it reads, and
+        "bodies" for the star and its companions.
     writes : frozenset of str
-        Arrays that `run` changes. A force adds to "gas.acc" and "dust.acc", accelerations that gas and dust at one
-        place share, or to "gas.acc_unshared" and "dust.acc_unshared", all others. Drag relaxes the slip with the
-        latter inside.
+        Names of the arrays that `run` changes. A force that accelerates gas and dust at one position equally adds to
+        "gas.acc" and "dust.acc". Any other force adds to "gas.acc_unshared" or "dust.acc_unshared", which drag includes
+        in the relaxation of the slip.
     starts : bool
-        Whether `run` writes to uninitialised accelerations of which `view.is_first` is True. Otherwise they are set to
-        0 before.
+        Whether `run` overwrites acceleration arrays for which `view.is_first` is True. If False, these arrays are set
+        to 0 before.
     """
 
     name: str
@@ -124,24 +128,27 @@ class Operator(NamedTuple):
 
 
 class Operating(Protocol):
-    """Effect, or anything else that has operators."""
+    """Protocol of effects and of other objects that have operators."""
 
     def operators(self, state: State) -> list[Operator]: ...
 
 
 def arrays(species: str | Iterable[str], names: str) -> frozenset[str]:
-    """Return names for `reads` and `writes`: arrays("gas", "pos vel") is {"gas.pos", "gas.vel"}."""
+    """Return array names for `reads` and `writes`: arrays("gas", "pos vel") is {"gas.pos", "gas.vel"}."""
     every = [species] if isinstance(species, str) else species
     return frozenset(f"{one}.{name}" for one in every for name in names.split())
 
 
 @cache
 def _declared(names: frozenset[str], species: str) -> frozenset[str]:
-    return ALWAYS | {name.partition(".")[2] for name in names if name.partition(".")[0] == species}
+    return COMMON_ARRAYS | {name.partition(".")[2] for name in names if name.partition(".")[0] == species}
 
 
 class Declared:
-    """Particles of a species with the arrays that an operator declares; any other is an AttributeError."""
+    """View of the particles of a species with the arrays that an operator declares; others raise AttributeError.
+
+    acc: acceleration arrays to use in place of those of the particles, by name, such as "gas.acc".
+    """
 
     __slots__ = ("_acc", "_names", "_operator", "_particles", "_species")
 
@@ -170,11 +177,11 @@ class Declared:
 
 
 class View:
-    """State as an operator sees it: `gas`, `dust` and `species` with its declared arrays, and plain values.
+    """View of the state for one operator: `gas`, `dust` and `species` with the arrays that it declares.
 
-    `scene`, `time`, `step`, `earlier`, `lag` and `grid` are those of the state. An operator that reads "bodies" has the
-    attributes of the state that depend on the star and its companions too. `view[name]` is the result of another
-    operator.
+    `scene`, `time`, `step`, `earlier`, `lag`, `grid` and `acc_unshared` are those of the state. For an operator that
+    reads "bodies" the view also has the attributes of the state in BODY_ATTRIBUTES. `view[name]` is the result of the
+    operator `name`.
     """
 
     def __init__(
@@ -200,29 +207,29 @@ class View:
             raise KeyError(f"the operator {self._operator.name} does not declare that it reads {name}")
 
     def take(self, name: str, *default: Any) -> Any:
-        """Return the result of another operator and remove it, for the only reader of a result.
+        """Return the result of the operator `name` and remove it from the stored results.
 
-        Without a default a missing result is a KeyError.
+        Only for results with a single reader. A missing result raises KeyError unless a default is given.
         """
         self._check(name)
         return self._results.pop(name, *default)
 
     def is_first(self, name: str) -> bool:
-        """Return whether accelerations such as "gas.acc" are still uninitialised."""
+        """Return whether the acceleration array `name`, such as "gas.acc", is still uninitialised."""
         return name in self._first
 
     def __getattr__(self, name: str) -> Any:
-        if name in PLAIN or (name in OF_BODIES and "bodies" in self._operator.reads):
+        if name in PLAIN_ATTRIBUTES or (name in BODY_ATTRIBUTES and "bodies" in self._operator.reads):
             return getattr(self._state, name)
-        if name in OF_BODIES:
+        if name in BODY_ATTRIBUTES:
             raise AttributeError(f'the operator {self._operator.name} does not declare that it reads "bodies"')
         raise AttributeError(f"an operator has no {name}")
 
 
 def accelerate(effect: Operating, state: State, with_drift: bool = False) -> dict[str, Any]:
-    """Add the accelerations of one effect to `acc` (n, dimensions), and return the results of its operators by name.
+    """Add the accelerations of one effect to `acc` of each species, and return the results of its operators by name.
 
-    with_drift: whether to add the accelerations that the drift contains too.
+    with_drift: whether to also add accelerations that are part of the drift (DRIFT_FORCE).
     """
     results: dict[str, Any] = {}
     operators = effect.operators(state)
@@ -234,7 +241,10 @@ def accelerate(effect: Operating, state: State, with_drift: bool = False) -> dic
 
 
 def limits(effect: Operating, state: State, results: dict[str, Any]) -> dict[str, Limit]:
-    """Return the limits of one effect by species, from the results of `accelerate`."""
+    """Return the time-step limits of one effect by species.
+
+    results: results of its operators from `accelerate`.
+    """
     found: dict[str, Limit] = {}
     for operator in effect.operators(state):
         if operator.slot is Slot.LIMIT:
@@ -243,10 +253,13 @@ def limits(effect: Operating, state: State, results: dict[str, Any]) -> dict[str
 
 
 def longest_step(effect: Operating, state: State, results: dict[str, Any]) -> float:
-    """Return the longest step that one effect allows, from the results of `accelerate`."""
+    """Return the longest step that one effect allows; results: of its operators, from `accelerate`."""
     return least_step(limits(effect, state, results), state.unnoticed)
 
 
 def least_step(found: Mapping[str, Limit], unnoticed: bool) -> float:
-    """Return the least step of some limits by species; `unnoticed`: without those of the dust, which is one-way."""
+    """Return the smallest step of the limits `found` by species; inf if there are none.
+
+    unnoticed: whether to leave out the limits of dust, as for one-way dust.
+    """
     return min((limit.step for name, limit in found.items() if name != "dust" or not unnoticed), default=math.inf)

@@ -45,7 +45,7 @@ from discsim.numerics import thread_pool, threads
 from discsim.numerics.threads import parallel_for
 
 Array = np.ndarray
-ALL = slice(None)
+EVERYTHING = slice(None)
 ROWS = 16  # rows per execution of a plan, few enough to stay in the cache
 
 
@@ -60,7 +60,7 @@ class Plummer:
         return -1 / np.hypot(distance, self.softening)  # eq. (1)
 
     def pull(self, distance: Array) -> Array:
-        """Return the attraction over the distance."""
+        """Return the attraction divided by the distance."""
         return np.hypot(distance, self.softening) ** -3
 
     def transform(self, k: Array) -> Array:
@@ -81,7 +81,7 @@ class ThinDisc:
         return -k0e(distance**2 / (8 * self.thickness**2)) / (2 * np.sqrt(np.pi) * self.thickness)  # eq. (2)
 
     def pull(self, distance: Array) -> Array:
-        """Return the attraction over the distance, for distances below 1e6 H, where cancellation leaves four digits."""
+        """Return the attraction divided by the distance; at a distance of 1e6 H it has only four correct digits."""
         x = distance**2 / (8 * self.thickness**2)
         return (k1e(x) - k0e(x)) / (8 * np.sqrt(np.pi) * self.thickness**3)
 
@@ -93,11 +93,11 @@ Kernel = Plummer | ThinDisc
 
 
 class Poisson:
-    """Solver for a grid of `shape` (nx, ny) with square cells of side `cell` and one `kernel`; G = 1.
+    """Solver for the potential on a grid of `shape` (nx, ny) with square cells of side `cell`; G = 1.
 
     A sheet that varies along x only has ny = 1. border: number of further nodes on every side at which the potential is
-    computed. At the outermost of these, the distance of mass at the opposite edge is two cells too small. Raises
-    ValueError for a sheet with open edges, and for a border of a periodic grid.
+    computed, for open edges only. At the outermost border nodes, the distance of mass at the opposite edge is two cells
+    too small. Raises ValueError for a sheet with open edges, and for a periodic grid with a border.
     """
 
     def __init__(
@@ -116,7 +116,7 @@ class Poisson:
         self._workers = Workers(padded, periodic, border, threads)
 
     def solve(self, surface_density: Array, out: Array | None = None) -> Array:
-        """Return the potential of `surface_density` (nx, ny) at the nodes, (nx + 2 border, ny + 2 border).
+        """Return the potential (nx + 2 border, ny + 2 border) of `surface_density` (nx, ny).
 
         out: array for the result.
         """
@@ -139,7 +139,10 @@ class Workers:
         self._workers = [Worker(*self._of) for _ in range(threads)]
 
     def each(self, work: "Callable[[Worker, int], None]", batches: int) -> None:
-        """Call `work(worker, batch)` for all batches; the results do not depend on the worker."""
+        """Call `work(worker, batch)` for each batch number below `batches`, on several threads.
+
+        The results do not depend on which worker does a batch.
+        """
         while len(self._workers) < thread_pool.number_of_threads():  # on this thread, as FFTW's planner is serial
             self._workers.append(Worker(*self._of))
 
@@ -179,20 +182,23 @@ class Worker:
         self.columns.convolve(tiles[number], kernel, number * TILE)
 
     def backward(self, tiles: Array, first: int, potential: Array, shift: int) -> None:
-        """Transform rows of tiles into rows of the potential that begin `shift` later."""
+        """Transform the batch of rows of `tiles` from `first` on, and store it in the potential.
+
+        Row i of the tiles becomes row i + shift of the potential.
+        """
         tiles_to_rows(tiles, first, self.spectra)
         self.back_along_y.execute()
         store_rows(self.rows_back, first, shift, self.border, potential)
 
 
 class Columns:
-    """Transforms of columns of a periodic grid of length nx."""
+    """Convolution along the columns of a periodic grid, of length nx."""
 
     def __init__(self, nx: int) -> None:
         self.length = nx
-        self._make(TILE)
+        self._make_plans(TILE)
 
-    def _make(self, columns: int) -> None:
+    def _make_plans(self, columns: int) -> None:
         # Rows at distances of a power of two would map to the same cache lines and slow a transpose.
         shape = columns, self.length + 4
         self.given, self.modes = pyfftw.zeros_aligned(shape, complex), pyfftw.zeros_aligned(shape, complex)
@@ -201,7 +207,10 @@ class Columns:
         self.forth, self.back = _plan(given, modes, "FFTW_FORWARD"), _plan(modes, given, "FFTW_BACKWARD")
 
     def convolve(self, tile: Array, kernel: Array, first: int) -> None:
-        """Convolve the columns of a tile (nx, TILE) with the kernel, whose rows for it begin at `first`."""
+        """Convolve the columns of a tile (nx, TILE) with the kernel, in place.
+
+        first: kernel row of the first column.
+        """
         load_columns(tile, self.given)
         self.forth.execute()
         multiply_columns(self.parts, kernel, first, self.length)
@@ -210,7 +219,7 @@ class Columns:
 
 
 class PaddedColumns(Columns):
-    """Transforms of columns of an open grid with `padded` rows; half of them are padding.
+    """Convolution along the columns of an open grid with `padded` rows, half of which are padding.
 
     Even and odd modes are separate transforms. With FFTW_ESTIMATE plans two transforms of 2^11 numbers take 60% of the
     time of one of 2^12 (2026-11).
@@ -219,11 +228,14 @@ class PaddedColumns(Columns):
     def __init__(self, padded: int, border: int) -> None:
         self.length, self.border = padded // 2, border
         self.wave = np.exp(-1j * np.pi / self.length * np.arange(self.length))
-        self._make(2 * TILE)
+        self._make_plans(2 * TILE)
         self.halves, self.parts = (each.reshape(2, TILE, -1) for each in (self.given, self.parts))
 
     def convolve(self, tile: Array, kernel: Array, first: int) -> None:
-        """Convolve the columns of a tile (nx + 2 border, TILE), whose rows before the first node come last."""
+        """Convolve the columns of a tile (nx + 2 border, TILE) with the kernel, in place.
+
+        The border rows before the first node come last. first: kernel row of the first column.
+        """
         nx = len(tile) - 2 * self.border
         load_halves(tile, nx, self.wave, self.halves)
         self.forth.execute()
@@ -237,13 +249,13 @@ def _plan(source: Array, target: Array, direction: str, *flags: str) -> pyfftw.F
 
 
 def padded_shape(shape: tuple[int, int], periodic: bool) -> tuple[int, int]:
-    """Return the number of nodes (nx, ny) of the transforms for a grid of `shape`."""
+    """Return the shape (nx, ny) of the transforms for a grid of `shape`; with open edges it is padded."""
     # At least twice as many, so that no pair of nodes interacts across the edge; even, so that the kernel has a middle.
     return shape if periodic else (2 * next_fast_len(shape[0], real=True), 2 * next_fast_len(shape[1], real=True))
 
 
 def tiles_of(padded: tuple[int, int]) -> int:
-    """Return the number of tiles of columns that hold the modes along y."""
+    """Return the number of tiles, of TILE columns each, for the modes along y."""
     return -(-(padded[1] // 2 + 1) // TILE)
 
 
@@ -256,20 +268,26 @@ def _open_transform(padded: tuple[int, int], cell: float, kernel: Kernel) -> Arr
 
 
 def even_first(transform: Array) -> Array:
-    """Return a transform (ky, kx) with the even kx before the odd ones, the order of `PaddedColumns`."""
+    """Return a transform (ky, kx) reordered as in `PaddedColumns`: columns of even kx first, then those of odd kx."""
     return np.concatenate([transform[:, ::2], transform[:, 1::2]], axis=1)
 
 
-def open_kernel(padded: tuple[int, int], cell: float, kernel: Kernel, some: slice = ALL) -> Array:
-    """Return the kernel (y, x) times cell^2 at half the padded nodes along each axis; `some`: slice along x."""
+def open_kernel(padded: tuple[int, int], cell: float, kernel: Kernel, some: slice = EVERYTHING) -> Array:
+    """Return the kernel w times cell^2 at the distances (y, x) of up to half the padded sides.
+
+    some: slice along x to compute.
+    """
     x, y = (cell * np.arange(n // 2 + 1) for n in padded)
     distance = np.hypot(x[some], y[:, None])
     distance[0, x[some] == 0.0] = kernel.lone * cell
     return cell**2 * kernel.potential(distance)
 
 
-def periodic_transform(padded: tuple[int, int], cell: float, kernel: Kernel, some: slice = ALL) -> Array:
-    """Return w_k at the grid's wavenumbers (ky, kx), and 0 at k = 0; `some`: slice of ky."""
+def periodic_transform(padded: tuple[int, int], cell: float, kernel: Kernel, some: slice = EVERYTHING) -> Array:
+    """Return the kernel's transform w_k at the wavenumbers (ky, kx) of the grid, and 0 at k = 0.
+
+    some: slice along ky to compute.
+    """
     kx, ky = (2 * np.pi * np.fft.rfftfreq(n, cell) for n in padded)
     k = np.hypot(kx, ky[some, None])
     k[ky[some] == 0.0, 0] = np.inf

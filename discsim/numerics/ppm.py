@@ -1,4 +1,4 @@
-"""Gas and dust as two fluids on a fixed 1D grid, by the piecewise-parabolic method (`kernels/fluid1d/ppm.py`).
+"""Gas and dust as two fluids on a fixed 1D grid, with the piecewise-parabolic method (`kernels/fluid1d/ppm.py`).
 
     U_t + F(U)_x = S,   U = (rho_g, rho_g v, E, rho_d, rho_d u)
                         F = (rho_g v, rho_g v^2 + P, (E + P) v, rho_d u, rho_d u^2)
@@ -31,7 +31,10 @@ STAGES = (1 / 3, 1 / 2, 1.0)
 
 
 class Tube:
-    """The fixed 1D grid of a scene. Raises ValueError if the particles of `state` are not at cell centres."""
+    """Fixed 1D grid of a scene; each cell is one gas particle and one dust particle.
+
+    Raises ValueError if the particles of `state` are not at cell centres, in order.
+    """
 
     def __init__(self, scene: Scene, state: State):
         assert state.gas is not None and state.dust is not None and scene.gas is not None
@@ -52,7 +55,7 @@ class Tube:
         self.everyone: Any = world.Whole()
 
     def read(self, state: State) -> Array:
-        """Return the conserved variables U of each cell (5, n)."""
+        """Return the conserved variables U (5, n) of the cells of all processes."""
         gas, dust = state.gas, state.dust
         density, dust_density = gas.mass / self.dx, dust.mass / self.dx
         v, u = gas.vel[:, 0], dust.vel[:, 0]
@@ -62,7 +65,7 @@ class Tube:
         return np.ascontiguousarray(self.everyone.of(cells.T).T)
 
     def write(self, state: State, cells: Array) -> None:
-        """Write conserved variables (5, n) to the particles."""
+        """Set masses, velocities and energies of the particles from the conserved variables U, `cells` (5, n)."""
         gas, dust = state.gas, state.dust
         density, v, pressure, dust_density, u = self.primitive(cells[:, self.everyone.own])
         gas.mass[:], gas.vel[:, 0] = density * self.dx, v
@@ -71,7 +74,11 @@ class Tube:
             gas.u[:] = pressure / (self.gamma - 1.0) / density
 
     def primitive(self, cells: Array) -> Array:
-        """Return gas density, velocity and pressure, dust density and velocity (5, n); the last is 0 without dust."""
+        """Return the primitive variables (5, n) of cells with conserved variables U (5, n).
+
+        They are gas density, velocity and pressure, and dust density and velocity. The dust velocity is 0 in cells
+        without dust.
+        """
         density, momentum, energy, dust_density, dust_momentum = cells
         v = momentum / density
         u = np.divide(dust_momentum, dust_density, out=np.zeros_like(v), where=dust_density > 0.0)
@@ -87,7 +94,10 @@ class Tube:
             return np.sqrt(pressure / density)
 
     def moved(self, start: Array, now: Array, dt: float) -> Array:
-        """Return start + dt L(now) (5, n), by fluxes and pressure without drag."""
+        """Return start + dt L(now), for conserved variables `start` and `now` (5, n).
+
+        L has the fluxes and the pressure, but not the drag.
+        """
         gas, rightward, leftward = ppm.through_faces(self.primitive(now)[:, self.inside], self.gamma)
         ratio = dt / self.dx
         dust = start[ppm.DUST_MASS], start[ppm.DUST_MOMENTUM]

@@ -1,6 +1,6 @@
-"""Stable counting sort on several threads, each of which counts and places a part of the particles.
+"""Stable counting sort of particles by integer keys, on several threads.
 
-The order is unique, and so the same for any number of threads.
+The stable order is unique, so it does not depend on the number of threads.
 """
 
 import numpy as np
@@ -15,26 +15,32 @@ Array = np.ndarray
 def counting_sort(
     key: Array, count: int, global_index: Array | None = None, unsorted_rows: Array | None = None
 ) -> tuple[Array, Array]:
-    """Return the stable order (n,) by `key` (n,) in [0, count), and the start of each key in it (count + 1,).
+    """Return the stable order (n,) by `key`, and the start (count + 1,) of each key in that order.
 
-    n is below 2^32. place (n,): order within a key, by default that of the arrays. loose: rows that break the rising
-    order of `global_index`, if known.
+    key (n,): integers in [0, count); n is below 2^32. global_index (n,): values by which entries with equal keys are
+    sorted; None: they keep the order of the arrays. unsorted_rows: rows without which `global_index` ascends; None if
+    unknown.
     """
-    ends, parts = _count(key, count)
+    ends, parts = _count_in_parts(key, count)
     np.cumsum(ends, out=ends)
     start = ends[::parts].astype(np.int64)
     order = np.empty(len(key), np.uint32)
     parallel_for(kernels.put_in_order, parts, key, parts, ends, order, least=1)
     if global_index is not None:
         some = (
-            _behind(key, global_index, order, start) if unsorted_rows is None else _keys_of(unsorted_rows, key, count)
+            _keys_out_of_order(key, global_index, order, start)
+            if unsorted_rows is None
+            else _distinct_keys(unsorted_rows, key, count)
         )
         parallel_for(kernels.sort_members, len(some), some, start, global_index, order)
     return order, start
 
 
-def _behind(key: Array, global_index: Array, order: Array, start: Array) -> Array:
-    """Return the keys whose members are not in the order of their `global_index` (n,)."""
+def _keys_out_of_order(key: Array, global_index: Array, order: Array, start: Array) -> Array:
+    """Return the distinct keys whose entries are not in the order of `global_index` (n,).
+
+    order, start: result of the sort by `key`.
+    """
     behind = np.empty(len(key) + 1, bool)
     parallel_for(kernels.find_behind, len(key), global_index, order, behind)
     behind[start] = False  # the first member of each key, and the entry beyond the end
@@ -44,30 +50,30 @@ def _behind(key: Array, global_index: Array, order: Array, start: Array) -> Arra
     return some[another]
 
 
-def _keys_of(rows: Array, key: Array, count: int) -> Array:
-    """Return the distinct keys in [0, count) of some rows."""
+def _distinct_keys(rows: Array, key: Array, count: int) -> Array:
+    """Return the distinct values of `key[rows]`, which are in [0, count)."""
     held = np.zeros(count, bool)
     held[key[rows]] = True
     return np.flatnonzero(held)
 
 
 def by_ids(key: Array, count: int, ids: Array) -> Array:
-    """Return the order (n,) by `key` (n,) in [0, count) and, within a key, by `ids` (n,).
+    """Return the order (n,) by `key` (n,), integers in [0, count), and by `ids` (n,) where keys are equal.
 
-    It does not depend on the present order.
+    The sorted result does not depend on the present order of the particles.
     """
     return counting_sort(key, count, ids)[0]
 
 
 def counts(key: Array, count: int) -> Array:
-    """Return the number of entries of `key` (n,) equal to each value in [0, count), (count,)."""
-    number, parts = _count(key, count)
+    """Return how often each value in [0, count) occurs in `key` (n,), an array (count,)."""
+    number, parts = _count_in_parts(key, count)
     return sum(
         (number[1 + part :: parts] for part in range(1, parts)), number[1::parts]
     )  # several times as fast as .sum
 
 
-def _count(key: Array, count: int) -> tuple[Array, int]:
+def _count_in_parts(key: Array, count: int) -> tuple[Array, int]:
     # Counts of each key in each part, after a 0; their cumulative sum gives positions. The number of parts is bounded,
     # so that this array is small compared with those of the particles.
     parts = max(

@@ -43,11 +43,11 @@ class Particles(Summarised):
     mass : ndarray, shape (n,)
         Masses.
     ids : ndarray, shape (n,)
-        Numbers that stay with particles when arrays are sorted.
+        Identification numbers, which particles keep when arrays are sorted.
     immobile : ndarray or None, shape (n,)
-        Mask of boundary particles; None without any.
-    place : ndarray or None, shape (n,)
-        Keys of the order of all particles of a run on several processes; None on one.
+        True for boundary particles, which do not move; None if there are none.
+    global_index : ndarray or None, shape (n,)
+        Sort key of each particle in the order of all particles of all processes; None on one process.
     """
 
     pos: Array
@@ -92,7 +92,7 @@ class Particles(Summarised):
         return dataframe_of(self.arrays())
 
     def take(self, index: Array) -> None:
-        """Keep the particles `index` (integers), in that order, in every array."""
+        """Reorder or select particles: row k of every array becomes the former row `index[k]`."""
         from discsim.kernels.common.move import take_rows
         from discsim.numerics.threads import parallel_for
 
@@ -110,33 +110,34 @@ class Particles(Summarised):
         return int(world.processes.sum(self.count))
 
     def sort(self, key: Array, count: int) -> None:
-        """Sort every array by `key` (n,) in [0, count), and by ids where keys are equal."""
+        """Sort every array by `key` (n,), integers in [0, count), and by ids where keys are equal."""
         from discsim.numerics.sorting import by_ids
 
         if self.global_index is not None:  # local keys are a small part of [0, count)
             self.global_index[:] = key.astype(np.uint64) << np.uint64(32) | self.ids.astype(np.uint64)
             world.processes.forget()
-            self.take(np.argsort(self.global_index, kind="stable"))  # runs of rising places make this twice as fast
+            self.take(np.argsort(self.global_index, kind="stable"))  # twice as fast, as keys mostly ascend
             self.unsorted_rows = self.unsorted_rows[:0]
             return
         self.take(by_ids(key, count, self.ids))
 
     def remove(self, gone: Array) -> None:
-        """Remove the particles `gone`, a mask (n,) or rising indices, and move the last particles into the gaps.
+        """Remove the particles `gone`, a mask (n,) or ascending indices, and move the last particles into the gaps.
 
-        With several processes this is a collective call, with the local particles to remove.
+        With several processes all have to make this call, each for its own particles.
         """
         gone = np.flatnonzero(gone) if gone.dtype == bool else gone
         if self.global_index is not None:
             self.unsorted_rows = np.append(
-                self.unsorted_rows, world.processes.close_up(self.global_index, gone, self.unsorted_rows)
+                self.unsorted_rows, world.processes.reuse_removed_keys(self.global_index, gone, self.unsorted_rows)
             )
         self.replace(gone)
 
     def replace(self, leaving: Array, come: dict[str, Array] | None = None) -> None:
-        """Replace the rows `leaving` (k,) by particles that `come`, arrays (m, ...) by name.
+        """Remove the rows `leaving` (k,), and insert the new particles `come`, arrays (m, ...) by name.
 
-        Further new particles are appended; remaining gaps are filled with the last rows.
+        New particles fill the removed rows first, and any others are appended. If there are fewer new particles than
+        removed rows, the last rows move into the gaps.
         """
         more = 0 if come is None else min(len(come["ids"]), len(leaving))
         filled, gone = leaving[:more], leaving[more:]
@@ -148,11 +149,11 @@ class Particles(Summarised):
             if come is not None:
                 array[filled] = come[name][:more]
             array[holes] = array[tail]
-            setattr(self, name, array[:left] if come is None else self._with(array[:left], come[name][more:]))
+            setattr(self, name, array[:left] if come is None else self._appended(array[:left], come[name][more:]))
         if self.global_index is not None:
             self.unsorted_rows = np.concatenate([self.unsorted_rows, filled, holes, np.arange(left, self.count)])
 
-    def _with(self, array: Array, others: Array) -> Array:
+    def _appended(self, array: Array, others: Array) -> Array:
         """Return an array (n, ...) with the entries `others` (m, ...) appended, in its spare capacity if possible."""
         if len(others) == 0:
             return array
@@ -176,9 +177,9 @@ class Particles(Summarised):
 
 @dataclass(kw_only=True, repr=False)
 class Gas(Particles):
-    """SPH particles in code units, with the arrays of `Particles` and those below, all (n,) unless noted.
+    """SPH particles in code units: the arrays of `Particles`, and further ones, (n,) unless noted.
 
-    h is the smoothing length, gradh the factor Omega of the grad-h terms.
+    h: smoothing length. gradh: factor Omega of the grad-h terms.
     """
 
     h: Array
@@ -212,7 +213,7 @@ FOLLOWED = ("followed", "divergence", "shocked", "followed_at")  # arrays of qui
 
 @dataclass(kw_only=True, repr=False)
 class Dust(Particles):
-    """Dust particles of one or several populations in code units: the arrays of `Particles`, and those below (n,)."""
+    """Dust particles of one or several populations in code units: the arrays of `Particles`, and further ones (n,)."""
 
     species: Array  # index of the population
     size: Array | None = None  # radius of the grains, if particles have individual sizes
@@ -221,7 +222,7 @@ class Dust(Particles):
 
 @dataclass
 class Ledger:
-    """Masses and momenta that left the run by accretion and damping, for budgets of conserved totals."""
+    """Masses and momenta that accretion and wave damping have removed, for checks of conserved totals."""
 
     accreted_gas: float = 0.0
     accreted_dust: float = 0.0
@@ -241,7 +242,7 @@ class Pace(NamedTuple):
 
 @dataclass
 class State:
-    """All variables that a step reads and writes. `gas` or `dust` is None if the scene has none."""
+    """All variables that a step reads and writes. `gas` or `dust` is None if the scene lacks it."""
 
     scene: Scene
     gas: Gas | None
@@ -269,7 +270,7 @@ class State:
         self.step += 1
 
     def read_only(self) -> State:
-        """Return the state with read-only views of the arrays; assignments to its attributes do not change this one."""
+        """Return a state with read-only views of the arrays; setting attributes of it does not change this state."""
         return replace(
             self,
             gas=self.gas and self.gas.read_only(),
@@ -287,19 +288,19 @@ class State:
 
     @property
     def unnoticed(self) -> bool:
-        """True if dust has one-way drag in a scene with gas: it must not affect the gas, not even by the time step."""
+        """True if dust has one-way drag in a scene with gas: it must not affect the gas, nor the time step."""
         drag = self.scene.drag
         one_way = drag is not None and drag.direction == "one-way"
         return one_way and self.gas is not None and self.gas.everywhere > 0
 
     @property
     def limiting(self) -> list[Particles]:
-        """Species whose motion may limit the step; not one-way dust while there is gas."""
+        """Species whose motion may limit the time step: all except one-way dust in a scene with gas."""
         return [particles for name, particles in self.species.items() if name == "gas" or not self.unnoticed]
 
     @property
     def body_count(self) -> int:
-        """Number of bodies in the scene, the star and its companions."""
+        """Number of bodies in the scene: the star and its companions."""
         return len(self._central)
 
     @property
@@ -309,12 +310,15 @@ class State:
 
     @property
     def star_pull(self) -> float:
-        """Mass that gas and dust feel at the star; it differs from `star_mass` about a barycentre during a ramp."""
+        """Mass of the star in the gravity on gas and dust.
+
+        It differs from `star_mass` while the mass of a companion is ramped up in a disc about the barycentre.
+        """
         return self.star_mass if self.bodies is None else float(self.bodies.felt[0])
 
     @property
     def star_place(self) -> tuple[float, float]:
-        """Position at which gas and dust feel the star."""
+        """Position of the star in the gravity on gas and dust (`Bodies.felt_pos`)."""
         if self.bodies is None:
             return 0.0, 0.0
         x, y = self.bodies.felt_pos[0].tolist()
@@ -356,14 +360,14 @@ class State:
         return pos if centre is None else pos - centre[0]
 
     def from_star(self, pos: Array) -> Array:
-        """Return positions (n, 2) relative to the position at which gas and dust feel the star."""
+        """Return positions (n, 2) relative to the star, as placed in the gravity on gas and dust."""
         return pos if self.bodies is None else pos - self.bodies.felt_pos[0]
 
     @contextmanager
     def about_centre(self, gas_vel: Array) -> Iterator[None]:
         """Transform gas, dust and the velocities `gas_vel` (n, 2) to the frame of the disc's centre within the context.
 
-        Changes of `gas_vel` and of the dust's velocities persist. `gas.vel`, if it is another array, is restored.
+        Changes made there to `gas_vel` and to `dust.vel` persist. `gas.vel` is restored if `gas_vel` is another array.
         """
         centre, gas, dust = self.centre, self.gas, self.dust
         if centre is None or gas is None or dust is None:

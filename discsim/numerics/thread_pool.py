@@ -1,11 +1,11 @@
 """Thread pool for parallel loops and concurrent jobs.
 
-A loop is divided into chunks (`numerics/threads.py`), run by the calling thread and by free helpers from the pool. Each
-thread begins with its own part of the range, whose data its cache holds from earlier loops, and continues with chunks
-that no thread has begun. Results do not depend on which thread runs a chunk.
+A loop is divided into chunks (`numerics/threads.py`), run by the calling thread and by idle threads of the pool
+("helpers"). Each thread begins with its own part of the range, whose data are in its cache from earlier loops, and
+continues with chunks that no thread has begun. Results do not depend on which thread runs a chunk.
 
-Independent jobs run concurrently (`beside`) on a pool with as many threads, while their caller waits. Threads without a
-job help in the loops of the others.
+Independent jobs run concurrently (`run_concurrently`) on another pool, while their caller waits. Threads without a job
+help in the loops of the others.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ thread_limit: ContextVar[int] = ContextVar("allowed", default=0)  # number of th
 _pool_of_job: ContextVar[ThreadPoolExecutor | None] = ContextVar("pool_of_job", default=None)
 
 
-class _Helped(threading.local):
+class _HelperTime(threading.local):
     seconds = 0.0  # CPU time of helpers in loops of this thread
 
 
-_helped = _Helped()
+_helper_time = _HelperTime()
 
 
 def number_of_threads() -> int:
@@ -41,13 +41,13 @@ def number_of_threads() -> int:
 
 
 def several_threads() -> bool:
-    """Return whether jobs started by this thread run concurrently."""
+    """Return whether `run_concurrently` runs jobs of this thread concurrently: on several threads, outside a job."""
     return number_of_threads() > 1 and _pool_of_job.get() is None
 
 
 def cpu_time() -> float:
     """Return the CPU seconds of this thread so far, including those of helpers in its loops."""
-    return time.thread_time() + _helped.seconds
+    return time.thread_time() + _helper_time.seconds
 
 
 @cache
@@ -60,9 +60,10 @@ if hasattr(os, "register_at_fork"):
 
 
 class Loop:
-    """A kernel and the chunks of its range, with their results and exceptions by number.
+    """Parallel loop: a kernel, and the chunks of its range.
 
-    runs: number of chunks in the part of each thread.
+    parts: arguments for each chunk. arguments: further arguments, the same for all. runs: number of chunks in the part
+    of each thread. returned: result of each chunk. raised: exceptions by number of the chunk.
     """
 
     def __init__(
@@ -74,8 +75,8 @@ class Loop:
         # Numbers of the chunks in the part of each thread. An iterator yields each number to one thread only.
         self.left = [iter(range(end - run, end)) for run, end in zip(runs, accumulate(runs), strict=True)]
 
-    def take(self, thread: int) -> float:
-        """Run chunks until none is left, those of the thread's own part first; return its CPU seconds."""
+    def run_chunks(self, thread: int) -> float:
+        """Run chunks until none is left, first those in the part of `thread`; return the CPU seconds spent."""
         begun = time.thread_time()
         for number in chain(*self.left[thread:], *self.left[:thread]):
             if not self.raised or number < min(self.raised):  # the first exception is the same on any threads
@@ -87,26 +88,30 @@ class Loop:
 
 
 def run_loop(loop: Loop, threads: int) -> list[Any]:
-    """Run a loop on this thread and helpers; return the results of its chunks, or raise the first one's exception."""
+    """Run a loop on this thread and helpers; return the results of its chunks.
+
+    If chunks raise exceptions, that of the first chunk is raised.
+    """
     helpers: list[Future[float]] = []
     try:
         pool = _pool_of_job.get() or _pool(threads - 1)
         for thread in range(1, min(threads, len(loop.left))):
-            helpers.append(pool.submit(copy_context().run, loop.take, thread))
-        loop.take(0)
+            helpers.append(pool.submit(copy_context().run, loop.run_chunks, thread))
+        loop.run_chunks(0)
     except BaseException as fault:  # Ctrl-C between two chunks
         loop.raised[-1] = fault
     finally:
-        _end(helpers, loop.raised)
-    _helped.seconds += sum(helper.result() for helper in helpers if not helper.cancelled())
+        _cancel_or_wait(helpers, loop.raised)
+    _helper_time.seconds += sum(helper.result() for helper in helpers if not helper.cancelled())
     _raise_first(loop.raised)
     return loop.returned
 
 
 def run_concurrently(*jobs: Callable[[], object]) -> None:
-    """Run independent jobs concurrently and wait for all; raise the exception of the first that failed.
+    """Run independent jobs concurrently, and wait for all of them.
 
-    On one thread, and within a job, they run one after another until one raises.
+    If jobs raise exceptions, that of the first job in the list is raised. With one thread, or when called within a job,
+    they run one after another until one raises.
     """
     if len(jobs) < 2 or not several_threads():
         for work in jobs:
@@ -124,7 +129,7 @@ def run_concurrently(*jobs: Callable[[], object]) -> None:
         raised[-1] = fault
     finally:
         _pool_of_job.reset(token)
-        _end(begun, raised)
+        _cancel_or_wait(begun, raised)
     if not raised:
         raised = {number: job.exception() for number, job in enumerate(begun) if job.exception() is not None}
     begun.clear()
@@ -139,8 +144,11 @@ def _raise_first(raised: dict[int, Any]) -> None:
         raised.clear()  # avoids a reference cycle of an exception and the frames of its traceback
 
 
-def _end(futures: list[Any], raised: dict[int, Any]) -> None:
-    """Cancel futures that have not begun and wait for the others, so that none changes arrays afterwards."""
+def _cancel_or_wait(futures: list[Any], raised: dict[int, Any]) -> None:
+    """Cancel futures that have not begun, and wait for the others, so that no thread changes arrays afterwards.
+
+    A Ctrl-C during the wait is stored in `raised` with the number -1.
+    """
     while True:
         try:
             wait([future for future in futures if not future.cancel()])

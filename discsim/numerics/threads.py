@@ -1,4 +1,4 @@
-"""Parallel loops: kernels that release the GIL run on chunks of a range.
+"""Parallel loops: compiled functions ("kernels") that release the GIL run on chunks of a range of indices.
 
     @njit(nogil=True, cache=True)
     def kernel(first, last, ...):      # for i in range(first, last)
@@ -26,7 +26,10 @@ SMALLEST = 8  # the smallest chunk is at least 1 / SMALLEST of a thread's share,
 
 
 def set_threads(number: int | None) -> None:
-    """Set the number of threads of loops of this Python thread, at most (None: equal to) NUMBA_NUM_THREADS."""
+    """Set the number of threads in parallel loops of this Python thread.
+
+    At most NUMBA_NUM_THREADS are used; None: all of these.
+    """
     most = int(numba.config.NUMBA_NUM_THREADS)
     thread_pool.thread_limit.set(most if number is None else min(number, most))
 
@@ -35,10 +38,11 @@ def parallel_for(
     kernel: Callable[..., Any], count: int, *arguments: Any, least: int = 4096, light: bool = False,
     each: list[Any] | None = None,
 ) -> list[Any]:  # fmt: skip
-    """Run `kernel(first, last, *arguments)` over [0, count) in chunks; return the list of their results.
+    """Run `kernel(first, last, *arguments)` on chunks of [0, count); return the list of results, one for each chunk.
 
-    least: least length of a chunk. light: the kernel is cheap, and LIGHT replaces `least`. each: list returned by an
-    earlier call with the same count and `least`, whose entry for a chunk becomes the third argument.
+    least: smallest length of a chunk. light: whether the kernel is cheap; MIN_CHUNK_CHEAP then replaces `least`. each:
+    list returned by an earlier call with the same count and `least`; the kernel gets the entry for its chunk as third
+    argument.
     """
     threads = thread_pool.number_of_threads()
     runs = chunks(count, MIN_CHUNK_CHEAP if light else least, threads)
@@ -50,9 +54,10 @@ def parallel_for(
 def parallel_for_ranges(
     kernel: Callable[..., Any], several: list[tuple[Any, ...]], *, least: int = 4096, light: bool = False
 ) -> list[list[Any]]:
-    """Run `share` over several ranges, each a count and its arguments, as one loop; return the results for each range.
+    """Run a kernel over several ranges in one parallel loop; return a list of results for each range.
 
-    Threads do not wait for each other between short ranges.
+    several: tuples (count, *arguments), one for each range [0, count). Other arguments as in `parallel_for`. Threads do
+    not wait for each other between ranges.
     """
     threads = thread_pool.number_of_threads()
     counts = [count for count, *_ in several]
@@ -65,7 +70,7 @@ def parallel_for_ranges(
         for first, last in run:
             for k, ((count, *given), begin) in enumerate(zip(several, begins, strict=True)):
                 low, high = max(first - begin, 0), min(last - begin, count)
-                if low < high or (count == 0 and k not in of):  # called for empty ranges too, as in `share`
+                if low < high or (count == 0 and k not in of):  # called for empty ranges too, as in `parallel_for`
                     parts.append((low, max(low, high), *given))
                     of.append(k)
         lengths.append(len(parts) - before)
@@ -74,9 +79,10 @@ def parallel_for_ranges(
 
 
 def parallel_for_fused(kernels: list[tuple[Any, ...]], count: int, *, least: int = 4096) -> None:
-    """Run `share` for several kernels, each with its arguments, as one loop: each chunk runs all kernels in turn.
+    """Run several kernels over [0, count) in one parallel loop; on each chunk they run one after another.
 
-    Threads do not wait for each other between kernels. A kernel may read results of earlier ones in its own range only.
+    kernels: tuples (kernel, *arguments). Threads do not wait for each other between kernels. A kernel may therefore
+    read results of earlier kernels only within its own chunk. least: as in `parallel_for`.
     """
     threads = thread_pool.number_of_threads()
 
@@ -101,9 +107,10 @@ def _run(
 
 
 def chunks(count: int, least: int, threads: int) -> list[list[tuple[int, int]]]:
-    """Return chunks (first, last) of [0, count) for each thread: half of its part, half of the rest, and so on.
+    """Return the chunks (first, last) of [0, count), one list for each thread.
 
-    Large chunks at first have little overhead, and small ones at the end a short wait.
+    A thread's part is halved repeatedly: large first chunks have little overhead, and small last chunks keep the wait
+    at the end short. least: smallest length of a chunk.
     """
     parts = max(1, min(threads, count // least))
     smallest = max(least, -(-count // (SMALLEST * threads)))

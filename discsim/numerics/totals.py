@@ -1,7 +1,7 @@
-"""Totals over particles as exact sums, rounded once.
+"""Exact sums over particles, rounded once.
 
-They have the same bits for any order of the particles, and on any number of threads and processes. Kernels accumulate
-a sum as a fixed-point integer, in limbs of 32 bits and a last one that counts entries that are not finite.
+Results are bitwise the same for any order of the particles and any number of threads and processes. Kernels accumulate
+a sum as a fixed-point integer in limbs (integers of 32 bits each); a last limb counts entries that are not finite.
 """
 
 from __future__ import annotations
@@ -17,23 +17,26 @@ from discsim.parts import Lazy
 kernels = Lazy("discsim.kernels.common.totals")
 Array = np.ndarray
 UNIT = 1 << 1075  # the fixed-point integer counts units of 1 / UNIT
-FEW = 256  # rows, on one process, for which math.fsum, exact too, is faster than the call of a kernel
+FSUM_ROWS = 256  # largest number of rows summed by math.fsum on one process: exact too, and faster than a kernel
 
 
 def total(values: Array) -> float:
-    """Return the sum of values (n,) of all processes."""
+    """Return the sum of `values` (n,) over all entries and processes."""
     return float(totals(values[:, None])[0])
 
 
 def totals(values: Array) -> Array:
-    """Return the sum (columns,) of each column of values (n, columns); NaN if an entry is not finite."""
+    """Return the sum (columns,) of each column of `values` (n, columns) over all processes.
+
+    A sum is NaN if an entry is not finite.
+    """
     values = np.ascontiguousarray(values, float)
-    few = None if len(values) > FEW or world.processes.many else _sums_of_few(values)
+    few = None if len(values) > FSUM_ROWS or world.processes.many else _sums_of_few(values)
     return rounded(sum(parallel_for(kernels.add_columns, len(values), values, light=True))) if few is None else few
 
 
 def _sums_of_few(values: Array) -> Array | None:
-    """Return the sums (columns,) by math.fsum; None if one is not finite, which the kernels handle."""
+    """Return the sum (columns,) of each column by math.fsum; None if a sum is not finite."""
     try:
         found = np.array([math.fsum(column) for column in values.T.tolist()])
     except (OverflowError, ValueError):  # too large, or infinities of both signs
@@ -42,16 +45,19 @@ def _sums_of_few(values: Array) -> Array | None:
 
 
 def mean(values: Array) -> float:
-    """Return the mean of values (n,) of all processes, of which there has to be one at least."""
+    """Return the mean of `values` (n,) over all processes; there must be at least one value."""
     return total(values) / int(world.processes.sum(len(values)))
 
 
 def rounded(limbs: Array) -> Array:
-    """Return the sums (columns,) over processes of limbs (columns, LIMBS) made by `kernels/common/totals.py`."""
-    return np.array([_number(row) for row in world.processes.sum(limbs).tolist()])
+    """Return sums (columns,) as floats, from the limbs (columns, LIMBS) of each process.
+
+    limbs: made by `kernels/common/totals.py`.
+    """
+    return np.array([_float_of(row) for row in world.processes.sum(limbs).tolist()])
 
 
-def _number(limbs: list[int]) -> float:
+def _float_of(limbs: list[int]) -> float:
     if limbs[-1] > 0:
         return float("nan")
     whole = sum(limb << 32 * k for k, limb in enumerate(limbs[:-1]))

@@ -1,8 +1,9 @@
 """Interface of the communication between the processes of a run.
 
 In serial runs every method is a no-op (`Alone`); `discsim/ranks` installs an implementation for several MPI ranks.
-Minima, maxima and sums of integers are exact, and so independent of the division of particles among processes; sums of
-floats go through `numerics/totals.py`. All methods are collective: every process has to call them in the same order.
+Local particles are those that this process owns; ghosts are copies of particles of other processes. Minima, maxima and
+sums of integers are exact, so they do not depend on the division of particles among processes. Sums of floats use
+`numerics/totals.py`. All methods are collective: every process has to call them in the same order.
 """
 
 from __future__ import annotations
@@ -20,10 +21,10 @@ Array = np.ndarray
 
 
 class Needed(NamedTuple):
-    """Cells (cells,) of the part of the grids about a process, and those whose particles it needs.
+    """Cells near a process, with a mask of those whose particles it needs; arrays are (cells,).
 
-    mask: whether the particles of a cell are needed. begin, end: range of numbers of the cell on the whole grids, both
-    rising.
+    mask: whether the particles in a cell are needed. begin, end: range of cell numbers on the whole grids that a cell
+    covers; both ascend.
     """
 
     mask: Array
@@ -32,10 +33,10 @@ class Needed(NamedTuple):
 
 
 class Joined(Protocol):
-    """Local particles of a species and ghosts, the particles of other processes that are needed here.
+    """Protocol of the local particles of a species combined with ghosts.
 
-    own: index of local particles in arrays with ghosts. place (n,): keys of the order of summation; None: the order of
-    the arrays.
+    own: index (slice or rows) of the local particles in combined arrays. global_index (n,): keys of the order of
+    summation; None: the order of the arrays.
     """
 
     @property
@@ -45,27 +46,27 @@ class Joined(Protocol):
     def global_index(self) -> Array | None: ...
 
     def of(self, array: Array) -> Array:
-        """Return an array (n, ...) of local particles extended by the entries of ghosts."""
+        """Return a combined array: `array` (n, ...) of local particles with the entries of ghosts."""
         ...
 
     def keep(self, array: Array, both: Array) -> None:
-        """Copy the local entries of an array with ghosts, `both`, to `array` (n, ...)."""
+        """Copy the local entries of a combined array, `both`, to `array` (n, ...)."""
         ...
 
 
 class Fetched(Joined, Protocol):
-    """Local particles and ghosts whose entries can be updated from their owners."""
+    """Protocol of local particles combined with ghosts, whose entries can be fetched again from their owners."""
 
     def of_all(self, arrays: list[Array]) -> list[Array]:
-        """Extend several arrays by ghosts in one exchange, as `of` does for one."""
+        """Return combined arrays of several `arrays`, as `of`, in one exchange."""
         ...
 
     def beside(self, array: Array) -> Array:
-        """Return an array with ghosts: local entries are those of `array`, ghost entries uninitialised."""
+        """Return a combined array with the local entries of `array` and uninitialised ghost entries."""
         ...
 
     def refresh(self, array: Array) -> None:
-        """Update the ghost entries of an array from their owners, in place."""
+        """Fetch the ghost entries of a combined array from their owners, in place."""
         ...
 
 
@@ -92,64 +93,75 @@ class Whole:
 
 
 class Alone:
-    """Communication of a single process: no-ops, and the interface of the one for several."""
+    """Communication of a single process, with no-ops; its methods define the interface for several processes."""
 
     many = False  # whether there are several processes
     balance = 1.0  # load of the most loaded process over the mean
 
     def least(self, values: Any) -> Any:
-        """Return the minimum over processes of each of `values`, a number or an array."""
+        """Return the element-wise minimum over all processes of `values`, a number or an array."""
         return values
 
     def most(self, values: Any) -> Any:
-        """Return the maximum over processes of each of `values`."""
+        """Return the element-wise maximum over all processes of `values`, a number or an array."""
         return values
 
     def sum(self, values: Any) -> Any:
-        """Return the sum over processes of each of `values`, integers."""
+        """Return the element-wise sum over all processes of `values`, an integer or an array of integers."""
         return values
 
     def raise_together(self, do: Callable[[], Any]) -> Any:
-        """Call `do`, which must not communicate, and return its result; raise on all processes if it raises on one."""
+        """Return `do()`. If it raises an exception on one process, the exception is raised on all.
+
+        `do` must not communicate.
+        """
         return do()
 
     def forget(self) -> None:
-        """Drop caches that depend on the order or the owners of particles, before these change."""
+        """Drop caches that depend on positions, order or owners of particles, before these change."""
 
     def forget_positions(self) -> None:
         """Drop caches that depend on positions alone, after these change."""
 
     def settle(self, state: State) -> None:
-        """Migrate particles to their owners after a move."""
+        """Send particles that have moved to the processes that now own them."""
 
     def corners(self, pos: Array, find: Callable[[Array], tuple[Array, Array]]) -> tuple[Array, Array]:
-        """Return `find(pos)`, the least and largest coordinates (2,) of local positions (n, d), or a cached result."""
+        """Return the smallest and largest coordinates, (2,) each, of local positions `pos` (n, d).
+
+        find: function that computes them, called as `find(pos)` if they are not cached.
+        """
         return find(pos)
 
-    def close_up(self, global_index: Array, gone: Array, unsorted_rows: Array) -> Array:
-        """Assign the keys of removed particles to the last ones of all processes, as `Particles.remove` moves these.
+    def reuse_removed_keys(self, global_index: Array, gone: Array, unsorted_rows: Array) -> Array:
+        """Give the keys of removed particles to the last particles of all processes, which fill the gaps.
 
-        gone: local rows to be removed. place (n,): keys of the global order, changed in place; they rise except in the
-        rows `unsorted_rows`. Return the rows with a new key.
+        The global order is then as after `Particles.remove` on one process. global_index (n,): keys of local particles,
+        changed in place; they ascend except in the rows `unsorted_rows`. gone: local rows to be removed. Return the
+        local rows that got a new key.
         """
         raise NotImplementedError("one process has no places")
 
     def everyone(self, particles: Particles) -> Joined:
-        """Return all particles of a species on every process, with arrays in the global order."""
+        """Return the particles of all processes combined, on every process; arrays are in the global order."""
         return Whole()
 
     def in_cells(self, particles: Any, key: Array, needed: Callable[[], Needed]) -> Fetched:
-        """Return local particles, in cells `key` (n,), and as ghosts all particles in the cells of `needed()`."""
+        """Return local particles combined with ghosts: all particles of other processes in the cells `needed()`.
+
+        key (n,): cell number of each local particle.
+        """
         return Whole()
 
     def sph(self, kind: Any, scene: Any) -> Any:
-        """Return the SPH sums over particles of all processes; kind: class of the sums of one process."""
+        """Return an object for SPH sums over the particles of all processes; kind: its class for one process."""
         return kind(scene)
 
     def sample(self, columns: Array, global_index: Array | None, some: Array) -> Array:
-        """Return the rows (m, columns) of a subset of the particles of all processes, in the global order.
+        """Return the values (m, columns) of a subset of the particles of all processes, in the global order.
 
-        columns (n, columns): local rows of this subset. place (n,): keys of local particles; some: the local subset.
+        columns: values of the local particles in the subset, a row for each. global_index (n,): keys of all local
+        particles. some: rows of the local particles in the subset.
         """
         return columns
 
@@ -157,18 +169,18 @@ class Alone:
 processes: Any = Alone()
 
 
-def join(world: Any) -> None:
-    """Install `world` as the communication of this process."""
+def set_processes(world: Any) -> None:
+    """Set `world` as the communication of this process, `processes`."""
     global processes
     processes = world
 
 
 @contextmanager
-def apart() -> Iterator[None]:
-    """Communicate with no other process within the context, for work that every process does in full."""
+def without_communication() -> Iterator[None]:
+    """Disable communication within the context, for work that every process does in full."""
     joined = processes
-    join(Alone())
+    set_processes(Alone())
     try:
         yield
     finally:
-        join(joined)
+        set_processes(joined)

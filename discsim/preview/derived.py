@@ -17,7 +17,7 @@ import numpy as np
 from discsim.effects import effect_classes
 from discsim.initial import lattice, start_of, start_time
 from discsim.initial.base import Places
-from discsim.numerics.layout import SOFT, grid_cells, leaves, side_of_blocks
+from discsim.numerics.layout import MAX_CELL_GROWTH, grid_cells, leaves, side_of_blocks
 from discsim.parts import EOS, LAWS, SCHEMES, Lazy
 from discsim.physics import laws, profile, viscosity
 from discsim.physics.centre import kepler_omega
@@ -235,7 +235,7 @@ def drag_cell_sides(scene: Scene, at: Local) -> Array | None:
     if cells.least is not None:
         counts = drag_cell_counts(scene, at, side)
         few = np.any([count < fewest for count, fewest in zip(counts, cells.least(scene), strict=True)], axis=0)
-        side = np.where(few & (2 * side <= SOFT * limit), 2 * side, side)
+        side = np.where(few & (2 * side <= MAX_CELL_GROWTH * limit), 2 * side, side)
     return side
 
 

@@ -10,26 +10,26 @@ from mpi4py import MPI
 from discsim.ranks.comm import Comm
 
 
-def led(comm: Comm, do: Callable[[], Any]) -> Any:
-    """Call `do` on the leading rank alone; return its result on all ranks, or raise its exception on all."""
-    value, raised = comm.mpi.bcast(_tried(do) if comm.rank == 0 else None)
+def on_root(comm: Comm, do: Callable[[], Any]) -> Any:
+    """Call `do` on rank 0 only; return its result on all ranks, or raise its exception on all."""
+    value, raised = comm.mpi.bcast(_result_or_exception(do) if comm.rank == 0 else None)
     if raised is not None:
         raise raised
     return value
 
 
 def raise_together(comm: Comm, do: Callable[[], Any]) -> Any:
-    """Call `do` on each rank and return its own result, or raise the exception of the first rank that has one on all.
+    """Call `do` on each rank, and return the rank's own result.
 
-    `do` must not wait for other ranks.
+    If `do` raises on some ranks, the exception of the first of these is raised on all. `do` must not communicate.
     """
-    value, fault = _tried(do)
+    value, fault = _result_or_exception(do)
     if comm.reduced(fault is not None, MPI.MAX):
         raise next(raised for raised in comm.mpi.allgather(fault) if raised is not None)
     return value
 
 
-def _tried(do: Callable[[], Any]) -> tuple[Any, BaseException | None]:
+def _result_or_exception(do: Callable[[], Any]) -> tuple[Any, BaseException | None]:
     try:
         return do(), None
     except Exception as fault:

@@ -1,4 +1,4 @@
-"""Division of a simulation among several ranks: each keeps its own part of the state."""
+"""Conversion of a simulation to one that is divided among several ranks."""
 
 from __future__ import annotations
 
@@ -19,9 +19,10 @@ gravity = Lazy("discsim.ranks.gravity")
 
 
 def divide(sim: Simulation, comm: Comm, alike: bool = True) -> Ranks:
-    """Divide a simulation among ranks: each keeps its own particles and steps on together with the others.
+    """Divide a simulation among ranks, and return the communication between them.
 
-    alike: every rank has all particles; otherwise each has a range of the rows, in the order of ranks.
+    Each rank keeps its own particles. alike: whether every rank starts with all particles. If False, each starts with a
+    range of rows, in the order of ranks.
     """
     ranks = Ranks(sim.scene, comm)
     ranks.divide(sim.state, alike)
@@ -35,5 +36,5 @@ def divide(sim: Simulation, comm: Comm, alike: bool = True) -> Ranks:
     if "self_gravity" in effects:
         effects["self_gravity"].mesh = gravity.divided(effects["self_gravity"].mesh, ranks.division)
     sim.costs = DividedCosts(sim.costs, comm.traffic)
-    world.join(ranks)
+    world.set_processes(ranks)
     return ranks

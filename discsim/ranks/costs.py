@@ -1,7 +1,7 @@
-"""Costs of effects in a run on several ranks, with those of communication apart.
+"""Costs of effects in a run on several ranks; MPI communication has separate rows in the table.
 
-CPU seconds are those of this rank; those of MPI calls have rows of their own. Seconds in MPI calls, the waiting in
-them (`traffic.py`), bytes and messages are those of a rank, averaged over all ranks.
+CPU seconds are those of this rank. Wall-clock seconds in MPI calls, the waiting among them (`traffic.py`), bytes and
+messages are means over all ranks.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ from contextlib import contextmanager
 from discsim.ranks.traffic import Sum, Traffic
 from discsim.run.costs import Costs
 
-BETWEEN = "step"  # communication outside effects
+OUTSIDE_EFFECTS = "step"  # communication outside effects
 
 
 class DividedCosts(Costs):
-    """`Costs` of a rank. `copy` and `agree` are collective."""
+    """`Costs` of one rank, including MPI communication. `copy` and `agree` are collective."""
 
     def __init__(self, costs: Costs, traffic: Traffic) -> None:
         super().__init__(costs.calls)
@@ -48,9 +48,9 @@ class DividedCosts(Costs):
 
     @property
     def communication(self) -> dict[str, Sum]:
-        """Communication of this rank by effect; `BETWEEN` is that outside effects."""
+        """Cost of communication on this rank by effect; outside effects under the name OUTSIDE_EFFECTS."""
         sums = {name: spent - self._forgotten.get(name, Sum()) for name, spent in self.traffic.sums.items()}
-        return {name or BETWEEN: sums[name] for name in (*self.seconds, "") if name in sums}
+        return {name or OUTSIDE_EFFECTS: sums[name] for name in (*self.seconds, "") if name in sums}
 
     def agree(self) -> None:
         self.traffic.fold()

@@ -1,7 +1,8 @@
-"""Ownership of particles: square tiles of space along a Hilbert curve (Hilbert 1891), a run of tiles for each rank.
+"""Ownership of particles by ranks.
 
-Runs are cut for equal costs of their particles, and are cut again when a rank's cost is TOLERANCE above the mean. A
-particle off the grid belongs to the nearest tile.
+Space is divided into square tiles, ordered along a Hilbert curve (Hilbert 1891). Each rank owns consecutive tiles and
+all particles in them, such that the costs of all ranks are about equal. Tiles are divided again when the cost of a rank
+is more than TOLERANCE above the mean. A particle outside all tiles belongs to the nearest one.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from mpi4py import MPI
 
 from discsim.kernels.mpi.tiles import in_marked, near_marked, tiles_of
 from discsim.numerics import alloc
-from discsim.numerics.batches import LEAST, bounds_anew, bounds_of
+from discsim.numerics.batches import LEAST, bounds_of, update_bounds
 from discsim.numerics.layout import grid_cells
 from discsim.numerics.threads import parallel_for
 from discsim.ranks.comm import Comm, Route, by_rank
@@ -26,28 +27,29 @@ if TYPE_CHECKING:
     from discsim.scene import Scene
 
 Array = np.ndarray
-COST = {"gas": 4.0, "dust": 1.0}  # of a particle per step, relative
-NODE = 0.1  # of a grid node per step, in windows about own particles
+PARTICLE_COST = {"gas": 4.0, "dust": 1.0}  # relative cost of a particle per step
+NODE_COST = 0.1  # relative cost of a grid node per step, in windows around own particles
 TOLERANCE = 0.1
-# Arrays begin with spare memory for arrivals and ghosts, which lie along a border. For the species with the fewest
-# particles, n on a rank, it is for BORDER sqrt(n) more; for others it is the same fraction. SPARE is the largest.
+# Arrays have spare capacity for arriving particles and ghosts, which lie along the border of a rank's tiles. For the
+# species with the fewest particles, n on a rank, it is BORDER sqrt(n) entries, but at most SPARE n. Other species have
+# the same fraction of their length.
 BORDER, SPARE = 64.0, 0.25
-TILES = 32  # along a side, at least, times ranks^(1 / dimensions)
+TILES_PER_SIDE = 32  # smallest number of tiles along a side, over ranks^(1 / dimensions)
 
 
 class Division:
-    """Tiles of a scene's space and their owners (tiles,), the same on every rank."""
+    """Tiles of a scene's space, and the rank that owns each, `owner` (tiles,); both are the same on every rank."""
 
     def __init__(self, scene: Scene, comm: Comm) -> None:
         self.comm, self.scene, dim = comm, scene, scene.space.dimensions
         size = np.array(scene.space.size)
-        bits = int(np.ceil(np.log2(TILES * comm.size ** (1.0 / dim))))
+        bits = int(np.ceil(np.log2(TILES_PER_SIDE * comm.size ** (1.0 / dim))))
         self.along = 1 << bits
         self.low = -0.5 * size.max() * np.ones(dim) if scene.centred else np.zeros(dim)
         self.per_tile = self.along / size.max()
         self.owner = np.zeros(self.along**dim, np.int64)
         self.margin = 0.0  # distance to other ranks' tiles, for `near`
-        self._known: list[tuple[Any, Array]] = []  # arrays of positions after `settle`, and their bounds
+        self._known_batches: list[tuple[Any, Array]] = []  # arrays of positions after `settle`, and their bounds
         if dim == 2:
             x, y = np.divmod(np.arange(self.along**2), self.along)
             self.curve = np.argsort(hilbert(x, y, bits))
@@ -56,19 +58,19 @@ class Division:
 
     @property
     def tiles(self) -> tuple[Array, float, int]:
-        """Lower corner, tiles per length and tiles along a side, as kernels take them."""
+        """Arguments of kernels: lower corner, tiles per unit length, and number of tiles along a side."""
         return self.low, self.per_tile, self.along
 
     def tile_of(self, pos: Array) -> Array:
-        """Return the tile (n,) of each position (n, d)."""
+        """Return the index (n,) of the tile that contains each position (n, d)."""
         out = np.empty(len(pos), np.int64)
         parallel_for(tiles_of, len(pos), pos, self.tiles, out)
         return out
 
     def near(self, pos: Array) -> Array:
-        """Return the indices of positions (n, d) near other ranks' tiles or the edge of a periodic box.
+        """Return the rows of positions (n, d) within `margin` of other ranks' tiles or of the edge of a periodic box.
 
-        Near is within the margin. Other positions in the same batches are included.
+        Other rows may be included.
         """
         dim = pos.shape[1]
         ends = np.array([[-np.inf] * dim, [np.inf] * dim])
@@ -81,33 +83,37 @@ class Division:
         return joined(parallel_for(near_marked, len(bounds), *given, least=LEAST))
 
     def bounds(self, pos: Array) -> Array:
-        """Return the bounds of batches of positions (n, d), as in `numerics/batches.py`."""
+        """Return the bounds of batches of positions (n, d), as in `numerics/batches.py`, cached if possible."""
         known = self.known_bounds(pos)
         return bounds_of(pos) if known is None else known
 
     def known_bounds(self, pos: Array) -> Array | None:
-        """Return the stored bounds of positions from `settle`, None for other positions."""
-        return next((bounds for of, bounds in self._known if of() is pos), None)
+        """Return the bounds of batches that `settle` stored for the array `pos`; None for any other array."""
+        return next((bounds for of, bounds in self._known_batches if of() is pos), None)
 
     def forget(self) -> None:
-        """Drop stored bounds: positions change."""
-        self._known.clear()
+        """Drop the stored bounds, before positions change."""
+        self._known_batches.clear()
 
     def within(self, pos: Array, marked: Array, bounds: Array) -> Array:
-        """Return the indices of positions (n, d), with batch `bounds`, that are in `marked` tiles (tiles,)."""
+        """Return the rows of positions (n, d) that are in marked tiles.
+
+        marked (tiles,): mask of tiles. bounds: bounds of the batches of `pos`.
+        """
         return joined(parallel_for(in_marked, len(bounds), pos, bounds, self.tiles, marked, least=LEAST))
 
     def cut(self, species: dict[str, Particles], whole: bool = False) -> bool:
-        """Divide the tiles again if the balance requires it; return whether owners changed.
+        """Divide the tiles among ranks again if costs are unequal; return whether any owner has changed.
 
-        whole: each rank has all the particles.
+        whole: whether each rank has all particles; the tiles are then always divided. Otherwise collective.
         """
         cost = np.zeros(len(self.owner))
         for name, p in species.items():
-            cost += COST[name] * np.bincount(self.tile_of(p.pos), minlength=len(cost))
+            cost += PARTICLE_COST[name] * np.bincount(self.tile_of(p.pos), minlength=len(cost))
         if not whole:
             cost = self.comm.reduced(cost, MPI.SUM)  # whole numbers: an exact sum
-        cost += round(NODE * self._nodes(int(cost.sum()))) * (cost > 0.0)  # nodes of empty tiles cost nothing
+        # Nodes of empty tiles cost nothing.
+        cost += round(NODE_COST * self._nodes_per_tile(int(cost.sum()))) * (cost > 0.0)
         if not whole:
             loads = np.bincount(self.owner, cost, self.comm.size)
             if loads.max() <= (1.0 + TOLERANCE) * loads.mean():
@@ -121,19 +127,22 @@ class Division:
         self.owner = owner
         return changed
 
-    def _nodes(self, particles: int) -> float:
+    def _nodes_per_tile(self, particles: int) -> float:
         """Return the number of grid nodes in a tile."""
         cell, counts = grid_cells(self.scene, particles)
         return float((1.0 / self.per_tile / cell) ** len(counts))
 
-    def _spare(self, counts: list[int]) -> float:
-        """Return the fraction of spare entries for species with `counts` particles on all ranks."""
+    def _spare_fraction(self, counts: list[int]) -> float:
+        """Return the spare capacity of arrays as a fraction of their length.
+
+        counts: number of particles of each species, over all ranks.
+        """
         fewest = min(counts, default=0) / self.comm.size
         return min(SPARE, BORDER / math.sqrt(max(fewest, 1.0)))
 
-    def keep_own(self, state: State) -> None:
-        """Keep own particles alone, where each rank starts with all of them."""
-        spare = self._spare([p.count for p in state.species.values()])
+    def drop_others(self, state: State) -> None:
+        """Drop the particles of other ranks, at a start where each rank has all particles."""
+        spare = self._spare_fraction([p.count for p in state.species.values()])
         for name, p in state.species.items():
             p.global_index = np.arange(p.count, dtype=np.uint64)
             own = self.within(p.pos, self.owner == self.comm.rank, bounds_of(p.pos))
@@ -144,8 +153,8 @@ class Division:
                 state.acc_unshared[name] = acc[own]
 
     def deal(self, state: State) -> None:
-        """Send particles to their owners, where each rank starts with a range of rows, in the order of ranks."""
-        spare = self._spare([int(self.comm.reduced(p.count, MPI.SUM)) for p in state.species.values()])
+        """Send particles to their owners, at a start where each rank has a range of rows, in the order of ranks."""
+        spare = self._spare_fraction([int(self.comm.reduced(p.count, MPI.SUM)) for p in state.species.values()])
         for name, p in state.species.items():
             before = self.comm.mpi.exscan(p.count) or 0
             p.global_index = np.arange(before, before + p.count, dtype=np.uint64)
@@ -160,7 +169,7 @@ class Division:
                 state.acc_unshared[name] = route.send(state.acc_unshared[name])[order]
 
     def settle(self, species: dict[str, Particles]) -> None:
-        """Send particles that have moved to their owners."""
+        """Send particles that have left the tiles of this rank to their new owners. Collective."""
         self.forget()
         for particles in species.values():
             self._migrate(particles)
@@ -173,12 +182,12 @@ class Division:
             route = Route(self.comm, by_rank(away, owner, self.comm.size))
             arrays, known = particles.arrays(), len(particles.unsorted_rows)
             particles.replace(away, dict(zip(arrays, route.send_all([*arrays.values()]), strict=True)))
-            bounds = bounds_anew(bounds, particles.pos, particles.unsorted_rows[known:])
-        self._known.append((weakref.ref(particles.pos), bounds))
+            bounds = update_bounds(bounds, particles.pos, particles.unsorted_rows[known:])
+        self._known_batches.append((weakref.ref(particles.pos), bounds))
 
 
 def hilbert(x: Array, y: Array, bits: int) -> Array:
-    """Return the index (n,) along the Hilbert curve of integers x, y (n,) below 2^bits."""
+    """Return the index (n,) along the Hilbert curve of points with integer coordinates x, y (n,) below 2^bits."""
     x, y, out = x.copy(), y.copy(), np.zeros_like(x)
     for k in range(bits - 1, -1, -1):
         right, up = x >> k & 1, y >> k & 1

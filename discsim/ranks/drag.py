@@ -1,9 +1,10 @@
-"""Drag on several ranks: one kick of own gas and dust and of the ghosts that they depend on, as on one rank.
+"""Drag on several ranks: a kick of own gas and dust together with the ghosts that they depend on.
 
-For schemes in cells the ghosts are the particles in the blocks of own particles and about their nodes. The positions
-of blocks depend on the particles of all ranks: on their numbers in each leaf and their h, the mean h, and the frame.
-A first pass over own particles finds these collectively, and then the blocks of own particles. For schemes of pairs
-the ghosts are all particles of other ranks, and each rank computes the whole kick.
+The results are the same as on one rank. In schemes with cells, ghosts are the particles in the blocks (drag cells) of
+own particles and in other blocks near the nodes of these. The blocks depend on the particles of all ranks: on their
+numbers and h in each leaf, on the mean h, and on the frame. These are computed collectively first, and then the
+blocks of own particles. In schemes with pairs, ghosts are all particles of other ranks, and each rank computes the
+whole kick.
 """
 
 from __future__ import annotations
@@ -43,11 +44,12 @@ if TYPE_CHECKING:
     from discsim.scene import Scene
 
 Array = np.ndarray
-HEAT = 2  # more rings: a node gets heat from the particles of its cell, and from nodes about it that have no gas
+# Further rings of nodes if drag heats gas: a node gets heat from particles of its cell and from near nodes without gas.
+HEATING_RINGS = 2
 
 
 class DividedDrag(Engine):
-    """`Engine` of a rank."""
+    """Drag `Engine` of one rank."""
 
     def __init__(self, scene: Scene, star: tuple[float, float], division: Division) -> None:
         super().__init__(scene, star)
@@ -57,13 +59,13 @@ class DividedDrag(Engine):
     def _relax(self, state: State, dt: float, gas_vel: Array, heat: Array, prepared: Prepared | None) -> Kicked:
         gas, dust = self._positions(state, gas_vel)
         if self.scheme.layout is None:
-            wides = self._everyone(state)
+            wides = self._fetch_all(state)
             gas, dust = self._with_ghosts(self._complete(state, gas, dust), wides, gas._fields + dust._fields)
-            with world.apart():
+            with world.without_communication():
                 return self._kick(state, gas, dust, wides, self._frame(state), dt, None, gas_vel, heat)
         self.release()  # forces and ghosts need the memory
         frame, rule = self._frame(state), self._rule(state)
-        layout, wides = self._ghosts(state, gas, dust, rule, frame)
+        layout, wides = self._fetch_ghosts(state, gas, dust, rule, frame)
         reads = *self.scheme.reads, "per_grain", *(("acc",) if self.heating else ())
         if self.classes.law.several:
             reads += ("class_of",)
@@ -80,7 +82,11 @@ class DividedDrag(Engine):
         self, state: State, gas: Gas, dust: Dust, wides: list[Any], frame: Frame, dt: float, built: Any, gas_vel: Array,
         heat: Array,
     ) -> Kicked:  # fmt: skip
-        """Kick local particles and ghosts, and return the results for local dust."""
+        """Kick own particles and ghosts, set the velocities and the heat of own ones, and return results for own dust.
+
+        wides: combined gas and dust (`Wide`). built: result of `scheme.build`; None for schemes with pairs. gas_vel,
+        heat (n, ...): arrays of own gas for the results.
+        """
         warmed = np.zeros(len(gas.mass) if self.heating else 0)
         kicked = self._call(gas, dust, frame, dt, built, warmed)
         of_gas, of_dust = wides
@@ -93,15 +99,16 @@ class DividedDrag(Engine):
 
     def limit(self, state: Seen) -> float:
         gas, dust, law, frame, work = self.arguments(state)
-        gas, dust = self._with_ghosts((gas, dust), self._everyone(state), gas._fields + dust._fields)
+        gas, dust = self._with_ghosts((gas, dust), self._fetch_all(state), gas._fields + dust._fields)
         assert self.scheme.limit is not None
-        with world.apart():
+        with world.without_communication():
             return self.scheme.limit(gas, dust, law, frame, work)
 
     def _with_ghosts(self, both: tuple[Any, ...], wides: list[Any], reads: tuple[str, ...]) -> tuple[Any, ...]:
-        """Return gas and dust with ghosts in the arrays that a kick `reads`.
+        """Return gas and dust with ghosts in the arrays `reads`; all other arrays, except `acc`, have no entries.
 
-        `acc` has entries in any case, which for ghosts may be uninitialised. Other arrays have no entries.
+        both: arguments gas and dust of a kick, without ghosts. wides: combined gas and dust (`Wide`). If `acc` is not
+        among `reads`, its ghost entries are uninitialised.
         """
         named = [dict(zip(each._fields[:-3], each[:-3], strict=True)) for each in both]  # without order and number
         lengths = np.array([len(array) for arrays in named for array in arrays.values()])
@@ -117,13 +124,18 @@ class DividedDrag(Engine):
             found.append(type(each)(**extended, **dict(zip(each._fields[-3:], order, strict=True))))
         return tuple(found)
 
-    def _everyone(self, state: Seen) -> list[Any]:
-        """Fetch all particles: a pair's exchange depends on other pairs, and through these on all ranks."""
+    def _fetch_all(self, state: Seen) -> list[Any]:
+        """Fetch all particles of other ranks: the exchange of one pair depends on other pairs, on all ranks."""
         return [world.processes.everyone(p) for p in state.species.values()]
 
-    def _ghosts(self, state: State, gas: Gas, dust: Dust, rule: CellRule, frame: Frame) -> tuple[Layout, list[Any]]:
-        """Fetch the particles of the blocks that local particles depend on, and return the layout of these blocks."""
-        rings = self.scheme.rings + (HEAT if self.heating and self.scheme.rings >= 0 else 0)
+    def _fetch_ghosts(
+        self, state: State, gas: Gas, dust: Dust, rule: CellRule, frame: Frame
+    ) -> tuple[Layout, list[Any]]:
+        """Fetch the particles in the blocks that own particles depend on.
+
+        Return the layout of these blocks, and own gas and dust combined with ghosts.
+        """
+        rings = self.scheme.rings + (HEATING_RINGS if self.heating and self.scheme.rings >= 0 else 0)
         assert self.scheme.layout is not None
         while True:
             layout: Layout = self.scheme.layout(gas, dust, rule, frame, self.leaves)
@@ -137,30 +149,34 @@ class DividedDrag(Engine):
             away = -(-(rings + 2 << widest) // MOST) if rings >= 0 else 0
             if self.leaves.suffices(world.processes.most(away)):
                 break
-        needed = own if rings < 0 else _needed(blocks, lattice, own, away, rings, self.dim == 1)
+        needed = own if rings < 0 else _needed_blocks(blocks, lattice, own, away, rings, self.dim == 1)
         asked = asked_of(self.comm, Needed(np.append(needed, False), *numbers_of(blocks, lattice)))
-        near = _largest_with(blocks, lattice, np.diff(asked.number[:-1]) > 0)[0]
+        near = _masks_of_largest_blocks(blocks, lattice, np.diff(asked.number[:-1]) > 0)[0]
         wides = [
-            in_cells(self.comm, p, leaf, asked, blocks.number, self._batches(pos, lattice, near))
+            in_cells(self.comm, p, leaf, asked, blocks.number, self._batches_near_blocks(pos, lattice, near))
             for p, pos, leaf in zip(state.species.values(), (gas.pos, dust.pos), leaves, strict=True)
         ]
         return only_needed(layout, own, needed), wides
 
-    def _batches(self, pos: Array, lattice: Lattice, marked: Array) -> Array:
-        """Return the batches of positions of which any may be in largest blocks that are `marked` (x, y)."""
+    def _batches_near_blocks(self, pos: Array, lattice: Lattice, marked: Array) -> Array:
+        """Return the numbers of the batches of positions that may have particles in marked largest blocks.
+
+        marked (x, y): mask of largest blocks.
+        """
         bounds, along = self.division.bounds(pos), np.array([1.0, self.dim - 1.0])  # 0 in one dimension
         part = *map(float, lattice.first), *(lattice.periodic * along * lattice.whole).tolist()
         given = bounds, along * lattice.origin, lattice.side, part, MOST, marked
         return joined(parallel_for(batches_near, len(bounds), *given, least=LEAST))
 
 
-def _needed(blocks: Merged, lattice: Lattice, own: Array, away: int, rings: int, flat: bool) -> Array:
-    """Return the blocks (blocks,) that particles of `own` blocks (blocks,) depend on.
+def _needed_blocks(blocks: Merged, lattice: Lattice, own: Array, away: int, rings: int, flat: bool) -> Array:
+    """Return the mask (blocks,) of the blocks that particles in own blocks depend on.
 
-    They are at most `away` largest blocks from own ones. The search covers only largest blocks near both own blocks
-    and others.
+    own (blocks,): mask of blocks with own particles. away: distance up to which blocks are searched, in largest blocks.
+    rings: number of rings of nodes that a kick depends on. flat: whether the scene is one-dimensional. The search
+    covers only largest blocks near both own blocks and others.
     """
-    needed, held = own.copy(), _largest_with(blocks, lattice, own)
+    needed, held = own.copy(), _masks_of_largest_blocks(blocks, lattice, own)
     some = blocks_in(blocks.first_leaf, widened(held[0], lattice, away) & widened(held[1], lattice, away))
     if len(some) > 0:
         lattices, found = levels.lattices(*lattice.shape, lattice.joined, LEVELS + 1), own[some]
@@ -170,17 +186,20 @@ def _needed(blocks: Merged, lattice: Lattice, own: Array, away: int, rings: int,
     return needed
 
 
-def _largest_with(blocks: Merged, lattice: Lattice, chosen: Array) -> Array:
-    """Return the largest blocks (2, x, y) that hold any of the `chosen` blocks (blocks,), and any others."""
+def _masks_of_largest_blocks(blocks: Merged, lattice: Lattice, chosen: Array) -> Array:
+    """Return two masks (2, x, y) of largest blocks: those with any chosen block in them, and those with any other.
+
+    chosen (blocks,): mask of blocks.
+    """
     out = np.zeros((2, *(-(-n // MOST) for n in lattice.shape)), bool)
     mark_top_blocks(blocks.first_leaf, chosen, out)
     return out
 
 
 def numbers_of(blocks: Merged, lattice: Lattice) -> tuple[Array, Array]:
-    """Return the ranges of numbers of blocks in the whole lattice, from begin up to end, in leaves.
+    """Return for each block the range of leaves that it covers in the whole lattice: first number, and end.
 
-    The order is by largest block, and along a Z-curve in each. One more entry, for particles outside, comes last.
+    Leaves are numbered by largest block, and along a Z-curve within each. The last entry is for particles outside.
     """
     count = len(blocks.level)
     begin, end = np.full(count + 1, 2**62), np.full(count + 1, 2**62 + 1)
@@ -189,7 +208,10 @@ def numbers_of(blocks: Merged, lattice: Lattice) -> tuple[Array, Array]:
 
 
 def only_needed(layout: Layout, own: Array, needed: Array) -> Layout:
-    """Return a layout of the blocks `needed` (blocks,) alone, with the `own` ones first. Changes `merged.number`."""
+    """Return a layout that has only the needed blocks, own blocks first. Changes `layout.merged.number`.
+
+    own, needed (blocks,): masks of blocks.
+    """
     some, blocks = np.concatenate([np.flatnonzero(own), np.flatnonzero(needed & ~own)]), layout.merged
     number = np.full(len(blocks.level) + 2, -1, np.int32)  # -1: of no block
     number[some] = np.arange(len(some))
@@ -199,7 +221,7 @@ def only_needed(layout: Layout, own: Array, needed: Array) -> Layout:
 
 
 def _with_leaves_of_ghosts(leaf: Array, pos: Array, leaf_of: Callable[[Array], Array]) -> Array:
-    """Return the leaves of local particles, `leaf`, and of the ghosts behind them in `pos` (n, d)."""
+    """Return the leaves (n,) of own particles and ghosts at positions pos (n, d); leaf: those of own particles."""
     local, both = len(leaf), alloc.grow(leaf, len(pos))
     if both is None:
         return np.concatenate([leaf, leaf_of(pos[local:])])

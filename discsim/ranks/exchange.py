@@ -1,4 +1,7 @@
-"""Ghosts: particles of other ranks that sums on this rank need, and their place in the global order."""
+"""Ghosts: copies of particles of other ranks, for sums on this rank in the global order.
+
+Combined arrays have the entries of own particles first, then those of ghosts.
+"""
 
 from __future__ import annotations
 
@@ -18,12 +21,13 @@ from discsim.numerics.world import Needed
 from discsim.ranks.comm import Comm, Route
 
 Array = np.ndarray
-REMEMBERED = 16  # recent steps, whose largest halo is fetched at once: a repeated step costs more than a wide halo
-SPARE = 8  # spare memory for ghosts: 1 / SPARE more than present
+# Number of recent steps whose widest halo is fetched at once: a repeated step costs more than a wide halo.
+REMEMBERED_STEPS = 16
+GHOST_RESERVE = 8  # spare capacity for ghosts is 1 / GHOST_RESERVE more than their present number
 
 
 class Placed(Protocol):
-    """Protocol of particles with an index in the global order, `global_index`."""
+    """Protocol of particles with keys in the global order, `global_index` (n,)."""
 
     global_index: Array | None
 
@@ -32,20 +36,21 @@ class Placed(Protocol):
 
 
 class Wide:
-    """`world.Fetched` on several ranks: own particles of a species, and then the ghosts that a route brings.
+    """Own particles of a species combined with the ghosts received by a route; implements `world.Fetched`.
 
-    Combined arrays hold both. Where an array of own particles has spare memory behind it, its ghosts are written
-    there, and a later `Wide` overwrites them. `lasting` combined arrays are copies.
+    If an array of own particles has spare memory behind it, ghost entries are written there, and a later `Wide`
+    overwrites them. lasting: whether combined arrays are copies, which remain valid.
     """
 
     def __init__(self, particles: Placed, route: Route, lasting: bool = False) -> None:
         self.route, self._held, self._lasting = route, particles.count, lasting
         self.count = self._held + route.count
-        self._own_place = particles.global_index
-        self._place: Array | None = None
-        self._own_loose = getattr(particles, "unsorted_rows", None)  # there are none of points that are not particles
+        self._own_index = particles.global_index
+        self._combined_index: Array | None = None
+        # Points that are not particles have no such rows.
+        self._own_unsorted_rows = getattr(particles, "unsorted_rows", None)
         if hasattr(particles, "spare") and not lasting:
-            particles.spare = max(particles.spare, route.count + route.count // SPARE)
+            particles.spare = max(particles.spare, route.count + route.count // GHOST_RESERVE)
 
     @property
     def own(self) -> slice:
@@ -57,21 +62,21 @@ class Wide:
 
     @property
     def unsorted_rows(self) -> Array:
-        """Rows of combined arrays that break the rising order of `global_index`."""
-        assert self._own_loose is not None
-        own = self._own_loose[self._own_loose < self._held]
+        """Rows of combined arrays without which `global_index` ascends."""
+        assert self._own_unsorted_rows is not None
+        own = self._own_unsorted_rows[self._own_unsorted_rows < self._held]
         return np.concatenate([own, np.arange(self._held, self.count)])
 
     def own_among(self, some: Array) -> Array:
-        """Return the rows of own arrays that are among the rows `some` of combined arrays."""
+        """Return the rows of own particles among the rows `some` of combined arrays."""
         return some[some < self._held]
 
     @property
     def global_index(self) -> Array:
-        """Indices (n,) in the global order. Collective, unless they came with other arrays."""
-        if self._place is None:
-            self._place = self.of(self._own_place)
-        return self._place
+        """Keys (n,) of own particles and ghosts in the global order. Collective, unless `of_all` was called before."""
+        if self._combined_index is None:
+            self._combined_index = self.of(self._own_index)
+        return self._combined_index
 
     def of(self, array: Array) -> Array:
         both = self.beside(array)
@@ -79,11 +84,11 @@ class Wide:
         return both
 
     def of_all(self, arrays: list[Array]) -> list[Array]:
-        given = [*arrays, self._own_place] if self._place is None else arrays  # `global_index` comes with them
+        given = [*arrays, self._own_index] if self._combined_index is None else arrays  # `global_index` comes with them
         out = [self.beside(array) for array in given]
         self.route.send_all(given, [both[self._held :] for both in out])
-        if self._place is None:
-            *out, self._place = out
+        if self._combined_index is None:
+            *out, self._combined_index = out
         return out
 
     def beside(self, array: Array) -> Array:
@@ -102,7 +107,10 @@ class Wide:
 
 
 class Ordered:
-    """`world.Joined` on several ranks: arrays in the global order. own (n,): rows of own particles in them."""
+    """Own particles and ghosts in the global order; implements `world.Joined`.
+
+    own (n,): rows of own particles in the combined arrays.
+    """
 
     global_index, unsorted_rows = None, np.empty(0, np.int64)
 
@@ -124,7 +132,7 @@ class Ordered:
     local = count  # each rank has all particles
 
     def own_among(self, some: Array) -> Array:
-        """Return the rows of own arrays that are among the rows `some`, as `Wide.own_among`."""
+        """Return the rows of own particles among the rows `some` of combined arrays, as rows of arrays of own ones."""
         return self._wide.own_among(self._order[some])
 
     def of(self, array: Array) -> Array:
@@ -134,7 +142,7 @@ class Ordered:
         return [self.sorted(both) for both in self._wide.of_all(arrays)]
 
     def sorted(self, both: Array) -> Array:
-        """Return an array of own particles and then ghosts, in the global order."""
+        """Return a combined array, own particles before ghosts, sorted to the global order."""
         return np.take(both, self._order, axis=0)
 
     def keep(self, array: Array, both: Array) -> None:
@@ -142,10 +150,10 @@ class Ordered:
 
 
 class Asked(NamedTuple):
-    """Requests of other ranks for runs of own cells.
+    """Requests of other ranks for ranges of cells, in the numbering of the cells of this rank.
 
-    `ranks` (runs,): requesting rank, rising. `first`, `last` (runs,): a run goes from first up to last. `number`
-    (cells + 1,): number of cells before each cell that are in any run.
+    ranks (runs,): rank that requests each range, ascending. first, last (runs,): first cell and end of each range.
+    number (cells + 1,): number of cells before each cell that are in any of the ranges.
     """
 
     ranks: Array
@@ -163,12 +171,15 @@ def in_cells(
     batches: Array | None = None,
     lasting: bool = False,
 ) -> Wide:
-    """Return own particles with ghosts from the cells needed on this rank; other arguments are those of `route_to`."""
+    """Return own particles combined with ghosts from the cells needed on this rank.
+
+    lasting: as in `Wide`. Other arguments are those of `route_to`.
+    """
     return Wide(particles, route_to(comm, key, asked, of, batches), lasting)
 
 
 def asked_of(comm: Comm, needed: Needed) -> Asked:
-    """Send the cells needed on this rank to all ranks, and return the requests for own cells."""
+    """Send the cells needed on this rank to all ranks, and return the requests of other ranks. Collective."""
     runs = comm.listed(runs_of(needed).ravel())
     runs[comm.rank] = runs[comm.rank][:0]
     of_rank = np.repeat(np.arange(comm.size), [len(each) // 2 for each in runs])
@@ -183,10 +194,10 @@ def asked_of(comm: Comm, needed: Needed) -> Asked:
 
 
 def route_to(comm: Comm, key: Array, asked: Asked, of: Array | None = None, batches: Array | None = None) -> Route:
-    """Return the route that brings rows to the ranks that need their cells.
+    """Return the route that sends own particles to the ranks that requested their cells.
 
-    The cells are `of[key]`, or `key` (n,) where `of` is None. batches: those that may have rows in requested cells;
-    None: all.
+    key (n,): cell of each particle, or its index in `of`, an array of cell numbers. batches: numbers of the batches of
+    particles that may be in requested cells; None: all.
     """
     number = asked.number
     batches = np.arange(-(-len(key) // BATCH)) if batches is None else batches
@@ -201,18 +212,18 @@ def route_to(comm: Comm, key: Array, asked: Asked, of: Array | None = None, batc
 
 
 def rising(rows: Array) -> Array:
-    """Return distinct rows in rising order."""
+    """Return the distinct entries of `rows` in ascending order."""
     rows = np.sort(rows, kind="stable")  # 10 times as fast for nearly sorted rows; np.unique is far slower
     return rows[np.append(True, rows[1:] != rows[:-1])[: len(rows)]]
 
 
 def joined(parts: list[Array]) -> Array:
-    """Return arrays as one."""
+    """Return the concatenation of arrays, without a copy of a single one."""
     return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
 
 def runs_of(needed: Needed) -> Array:
-    """Return where runs of the numbers of needed cells begin and end (runs, 2)."""
+    """Return the ranges (runs, 2) of cell numbers on the whole grids that are needed: first number and end of each."""
     some = np.flatnonzero(needed.mask)
     begin, end = needed.begin[some], needed.end[some]
     breaks = np.flatnonzero(begin[1:] != end[:-1])

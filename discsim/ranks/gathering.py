@@ -1,4 +1,4 @@
-"""Collection of particles in the order of output: all on the leading rank, or a range of rows on each rank."""
+"""Collection of particles in the order of output files: all on rank 0, or a range of rows on each rank."""
 
 from __future__ import annotations
 
@@ -14,27 +14,35 @@ if TYPE_CHECKING:
     from discsim.numerics.state import Particles, State
 
 Array = np.ndarray
-SAMPLES = 256  # keys of each rank, which set the ends of ranges to 1 / SAMPLES of a rank's particles
+SAMPLES_PER_RANK = 256  # ends of ranges are accurate to 1 / SAMPLES_PER_RANK of a rank's particles
 
 
 class Gathering:
-    """Route of a species' arrays to the ranks that write them.
+    """Route of the arrays of a species to the ranks that write them.
 
-    by: "place", the order in memory of one process, or "ids". divided: each rank gets a range of the rows.
+    by: order of the rows: "global_index", the order in memory on one process, or "ids". divided: whether each rank gets
+    a range of the rows; if False, rank 0 gets all.
     """
 
     def __init__(self, comm: Comm, particles: Particles, by: str = "global_index", divided: bool = False) -> None:
         key = getattr(particles, by)
-        owner = np.searchsorted(_cuts(comm, key), key, side="right") if divided else np.zeros(len(key), np.int64)
+        owner = (
+            np.searchsorted(_keys_between_ranks(comm, key), key, side="right")
+            if divided
+            else np.zeros(len(key), np.int64)
+        )
         self.route = Route(comm, [np.flatnonzero(owner == rank) for rank in range(comm.size)])
         self.order = np.argsort(self.route.send(key))
 
     def array(self, array: Array) -> Array:
-        """Return the rows received of an array (n, ...)."""
+        """Return the rows of an array (n, ...) that this rank is to write. Collective."""
         return self.route.send(array)[self.order]
 
     def particles(self, particles: Any, wanted: Collection[str] | None = None) -> Any:
-        """Return the particles received; arrays not `wanted` have no entries."""
+        """Return the particles that this rank is to write. Collective.
+
+        wanted: names of arrays; all others have no entries. None: all arrays.
+        """
         held = {name: array for name, array in particles.arrays().items() if name != "global_index"}
         every = wanted is None
         return type(particles)(
@@ -42,15 +50,20 @@ class Gathering:
         )
 
 
-def _cuts(comm: Comm, key: Array) -> Array:
-    """Return keys (size - 1,) that divide those of all ranks into ranges of about equal length."""
-    some = np.sort(key)[np.linspace(0, max(len(key) - 1, 0), SAMPLES if len(key) else 0).astype(np.int64)]
+def _keys_between_ranks(comm: Comm, key: Array) -> Array:
+    """Return keys (ranks - 1,) that divide the keys of all ranks into ranges with about equal numbers of particles.
+
+    key (n,): keys on this rank. Collective.
+    """
+    some = np.sort(key)[np.linspace(0, max(len(key) - 1, 0), SAMPLES_PER_RANK if len(key) else 0).astype(np.int64)]
     found = comm.mpi.allgather((some, len(key)))
     keys = np.concatenate([sample for sample, _ in found])
     if len(keys) == 0:
         return np.zeros(comm.size - 1, key.dtype)
     order = np.argsort(keys, kind="stable")
-    until = np.cumsum(np.concatenate([np.full(len(sample), count / SAMPLES) for sample, count in found])[order])
+    until = np.cumsum(
+        np.concatenate([np.full(len(sample), count / SAMPLES_PER_RANK) for sample, count in found])[order]
+    )
     at = np.searchsorted(until, until[-1] * np.arange(1, comm.size) / comm.size)
     return keys[order][at]
 
@@ -58,10 +71,10 @@ def _cuts(comm: Comm, key: Array) -> Array:
 def gathered(
     comm: Comm, state: State, by: str = "global_index", divided: bool = False, wanted: Collection[str] | None = None
 ) -> State:
-    """Return a state with the particles received: all on the leading rank, or a range of rows on each rank.
+    """Return a state with the particles that this rank is to write. Collective.
 
-    wanted: names of arrays. All others, and `acc_unshared`, the accelerations that gas and dust do not share, have no
-    entries. None: all.
+    by, divided: as in `Gathering`. wanted: names of arrays; all others have no entries, and `acc_unshared` is empty.
+    None: all arrays, and `acc_unshared`.
     """
     found: dict[str, Any] = {}
     acc_unshared = {}
@@ -78,7 +91,10 @@ def gathered(
 def gathered_columns(
     comm: Comm, state: State, extra: dict[str, dict[str, Any]], by: str = "global_index", divided: bool = False
 ) -> dict[str, dict[str, Any]]:
-    """Return columns of effects in the order of output, by species and name, as snapshots take them."""
+    """Return the rows that this rank is to write of additional snapshot arrays, by species and name. Collective.
+
+    extra: arrays or `Column`s of effects, by species and name. by, divided: as in `Gathering`.
+    """
     out: dict[str, dict[str, Any]] = {}
     for species, columns in extra.items():
         gathering = Gathering(comm, state.species[species], by, divided)

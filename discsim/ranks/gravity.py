@@ -1,9 +1,10 @@
 """Self-gravity on several ranks: `numerics/mesh.py` with the part of the grid that a rank needs.
 
-A node belongs to the owner of its tile of space. The owner fetches the ghosts about the node, and sums its density in
-the same order as one rank. A rank has a window of nodes, those that its particles touch (`windows.py`). The density
-of its own nodes goes to the slabs that have their rows (`slabs.py`). The potential at all nodes of the window, and at
-a ring about it for the gradient, comes back. In one dimension each rank solves the whole sheet.
+Each node of the grid belongs to the rank that owns its tile of space (`division.py`). This rank fetches the ghosts near
+the node, and sums its density in the same order as on one rank. Each rank has a window of the nodes that its particles
+touch (`windows.py`). It sends the density at its own nodes to the ranks whose slabs have their rows (`slabs.py`). The
+potential is returned for all nodes of the window, and for a ring of nodes around it that the gradient needs. In one
+dimension each rank solves the whole sheet.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import numpy as np
 from mpi4py import MPI
 
 from discsim.kernels.mpi.tiles import leave_own, others_about, rows_in_global_order
-from discsim.numerics.batches import bounds_anew
+from discsim.numerics.batches import update_bounds
 from discsim.numerics.grid import Grid, Node
 from discsim.numerics.mesh import Mesh
 from discsim.numerics.poisson import Kernel
@@ -30,20 +31,23 @@ from discsim.ranks.windows import Rows, Windows
 
 Array = np.ndarray
 NO_ROWS = np.empty(0, np.int64)
-Pieces = tuple[Array, Array]  # of rows: first rows and ends, as `Grid.deposit` takes them
+RowRanges = tuple[Array, Array]  # first rows and ends of ranges, as in `Grid.deposit`
 
 
 class About(NamedTuple):
-    """Own particles and ghosts about own nodes: positions, bounds of batches, masses, and the order of sums."""
+    """Particles that touch the nodes of this rank, own particles and ghosts.
+
+    pos (n, d), mass (n,): their arrays. bounds: bounds of batches of `pos`. pieces: order of summation.
+    """
 
     pos: Array
     bounds: Array
     mass: Array
-    pieces: Pieces
+    pieces: RowRanges
 
 
 class Nodes:
-    """Ownership of the nodes of a grid."""
+    """Ownership of the nodes of a grid by ranks. tiles: index along x and along y of the tile of each node."""
 
     def __init__(self, grid: Grid, division: Division) -> None:
         self.grid, self.division, self.comm = grid, division, division.comm
@@ -56,19 +60,20 @@ class Nodes:
 
     @property
     def owner(self) -> Array:
-        """Rank of each tile (along x, along y)."""
+        """Rank that owns each tile, (tiles along x, tiles along y)."""
         return self.division.owner.reshape(self.division.along, -1)
 
     def leave_own(self, density: Array, first: Node, begin: Array, end: Array) -> None:
-        """Set `density` to 0 at nodes of other ranks, in a part of the grid.
+        """Set a field to 0 at the nodes of other ranks.
 
-        begin, end (nx,): columns of the part, in each row.
+        density: field on a part of the grid that begins at the node `first`. begin, end (nx,): first column and end in
+        each of its rows; other columns are not changed.
         """
         x, y = (tiles[k : k + n] for tiles, k, n in zip(self.tiles, first, density.shape, strict=True))
         parallel_for(leave_own, len(x), x, y, self.owner, self.comm.rank, begin, end, density, least=16)
 
     def about(self, particles: Particles) -> About:
-        """Fetch the particles of a species about own nodes."""
+        """Return the particles of a species that touch the nodes of this rank, with ghosts. Collective."""
         grid, pos = self.grid, particles.pos
         some = self.division.near(pos)
         where = grid.origin, 1.0 / grid.cell, grid.periodic, self.tiles, self.owner, self.comm.rank
@@ -76,18 +81,20 @@ class Nodes:
         rows, whose = (joined([each[k] for each in found]) for k in range(2))
         wide = Wide(particles, Route(self.comm, by_rank(rows, whose, self.comm.size)))
         pos, mass = wide.of_all([pos, particles.mass])
-        bounds = bounds_anew(self.division.bounds(particles.pos), pos, NO_ROWS)
-        return About(pos, bounds, mass, _in_order(wide.global_index, particles.count, particles.unsorted_rows))
+        bounds = update_bounds(self.division.bounds(particles.pos), pos, NO_ROWS)
+        return About(
+            pos, bounds, mass, _ranges_in_global_order(wide.global_index, particles.count, particles.unsorted_rows)
+        )
 
 
-def _in_order(global_index: Array, held: int, unsorted_rows: Array) -> Pieces:
-    """Return rows by their `global_index` (n,), as pieces.
+def _ranges_in_global_order(global_index: Array, held: int, unsorted_rows: Array) -> RowRanges:
+    """Return all rows in the order of `global_index` (n,), as first rows and ends of ranges.
 
-    The places of the first `held` rows rise, except for the `unsorted_rows` rows.
+    The keys of the first `held` rows ascend, except in the rows `unsorted_rows`.
     """
     unsorted_rows = rising(unsorted_rows[unsorted_rows < held])
     others = np.concatenate([unsorted_rows, np.arange(held, len(global_index))])
-    in_order = np.argsort(global_index[others], kind="stable")  # 3 times as fast, as places mostly rise
+    in_order = np.argsort(global_index[others], kind="stable")  # stable: 3 times as fast, as keys mostly ascend
     first, last, rises = rows_in_global_order(global_index, held, unsorted_rows, others[in_order])
     if not rises:  # arrays in another order
         first = np.argsort(global_index)
@@ -96,7 +103,7 @@ def _in_order(global_index: Array, held: int, unsorted_rows: Array) -> Pieces:
 
 
 class DividedMesh(Mesh):
-    """`Mesh` of a rank, with the nodes of its window."""
+    """`Mesh` of one rank, with fields at the nodes of its window."""
 
     def __init__(self, grid: Grid, kernel: Kernel, division: Division) -> None:
         super().__init__(grid, kernel)
@@ -104,7 +111,7 @@ class DividedMesh(Mesh):
         self.slabs = Slabs(self.comm, grid.shape, grid.cell, kernel, grid.periodic, self.border)
         # The density is needed only before, the gradient only after the slabs are solved: they use the slabs' memory.
         memory = {"density": self.slabs.by_rows, "gradient": self.slabs.by_tiles}
-        self._kept = {name: array.reshape(-1).view(float) for name, array in memory.items()}
+        self._memory = {name: array.reshape(-1).view(float) for name, array in memory.items()}
 
     def solve(self, species: Mapping[str, Particles], sources: Iterable[str]) -> None:
         given = {name: self.nodes.about(species[name]) for name in sources}
@@ -114,42 +121,45 @@ class DividedMesh(Mesh):
         )
         self.windows = windows = Windows.agreed(starmap(self.grid.extent, places), self.grid, self.comm)
         x, y = windows.low[self.comm.rank].tolist()
-        self.first, self.density = (x, y), self._room("density", windows.shape(self.comm.rank))
+        self.first, self.density = (x, y), self._reused_array("density", windows.shape(self.comm.rank))
         self.density[:] = 0.0
-        self._rows = rows = self._rows_here()
+        self._rows = rows = self._spans_of_window()
         if self.density.size > 0:
             for pos, _, mass, pieces in given.values():
                 self.grid.deposit(pos, mass, self.density, self.first, pieces)
             self.nodes.leave_own(self.density, self.first, rows.begin, rows.end)
-        self._to_slabs()
+        self._send_density_to_slabs()
         self.slabs.solve()
-        self._to_windows()
-        self._sums = self._summed() if windows.off else (np.zeros(0), np.zeros(0))
+        self._send_potential_to_windows()
+        self._sums = self._summed_density() if windows.off else (np.zeros(0), np.zeros(0))
 
     def differentiate(self) -> None:
-        self._gradient = self._room("gradient", (*self.density.shape, 2))
+        self._gradient = self._reused_array("gradient", (*self.density.shape, 2))
         if self._gradient.size > 0:
             self.grid.gradient(self._potential, self._gradient, (self._rows.begin, self._rows.end))
 
     def sums(self) -> tuple[Array, Array]:
         return self._sums
 
-    def _room(self, name: str, shape: tuple[int, ...]) -> Array:
-        """Return an array in memory that is reused while it is large enough."""
+    def _reused_array(self, name: str, shape: tuple[int, ...]) -> Array:
+        """Return an array of `shape` in the memory kept under `name`, which is allocated again if it is too small."""
         size = int(np.prod(shape))
-        if name not in self._kept or len(self._kept[name]) < size:
-            self._kept[name] = np.empty(size)
-        return self._kept[name][:size].reshape(shape)
+        if name not in self._memory or len(self._memory[name]) < size:
+            self._memory[name] = np.empty(size)
+        return self._memory[name][:size].reshape(shape)
 
-    def _rows_here(self) -> Rows:
-        """Return the rows of this rank's window, without its ring."""
+    def _spans_of_window(self) -> Rows:
+        """Return the spans of columns in the rows of this rank's window, without its ring."""
         rank, (x, y) = self.comm.rank, self.first
         rows = np.arange(x, x + self.density.shape[0])
         begin, end = (ends[0] - y for ends in self.windows.columns(slice(rank, rank + 1), rows))
         return Rows.of(rows - x, begin, end)
 
-    def _to_slabs(self) -> None:
-        """Send the density of the windows to the slabs. A node gets its owner's value, and zeros of other ranks."""
+    def _send_density_to_slabs(self) -> None:
+        """Send the density from the windows to the slabs, and add the values of all ranks at each node.
+
+        Only the value from the owner of a node is not 0.
+        """
         slabs, first, rows = self.slabs, self.slabs.rows.edges[self.comm.rank], self._rows
         taken = self.windows.columns(slice(None), np.arange(first, first + slabs.held))
         ends = np.clip(np.array(slabs.rows.edges) - self.first[0], 0, len(rows.row))
@@ -159,11 +169,11 @@ class DividedMesh(Mesh):
         of_all = np.tile(np.arange(slabs.held), self.comm.size)
         Rows.of(of_all, *(each.ravel() for each in taken)).put(found, slabs.density, add=True)
 
-    def _to_windows(self) -> None:
-        """Send the potential of the slabs to the windows with their rings."""
+    def _send_potential_to_windows(self) -> None:
+        """Send the potential from the slabs to the windows, including their rings."""
         slabs, rank, size, border = self.slabs, self.comm.rank, self.comm.size, self.border
         held = np.arange(*slabs.rows.edges[rank : rank + 2])
-        begin, end = self.windows.columns(slice(None), nodes_of(held, slabs.nx, border), ring=True)
+        begin, end = self.windows.columns(slice(None), nodes_of_slab_rows(held, slabs.nx, border), ring=True)
         given, of_all = (end - begin).sum(axis=1), np.tile(np.arange(len(held)), size)
         rows = Rows.of(of_all, begin.ravel() + border, end.ravel() + border)
         shape, (x, y) = self.windows.shape(rank, ring=True), (self.windows.low - self.windows.ring)[rank].tolist()
@@ -173,13 +183,14 @@ class DividedMesh(Mesh):
         come = Rows.of(nodes - x, *(each[0] - y for each in here))
         ends = np.searchsorted(nodes % slabs.count, slabs.rows.edges)
         found = self.comm.deal(rows.take(slabs.potential), given, np.diff(come.start[ends]))
-        self._potential = self._room("potential", shape)
+        self._potential = self._reused_array("potential", shape)
         come.put(found, self._potential)
 
-    def _summed(self) -> tuple[Array, Array]:
-        """Return the sums of the density along y and along x, with the bits of those of one array.
+    def _summed_density(self) -> tuple[Array, Array]:
+        """Return the density summed along y (nx,) and along x (ny,), bitwise equal to the sums on one rank. Collective.
 
-        Along x rows are added one after another: in pieces of columns, from rank to rank.
+        For the sum along x, rows are added one after another: each rank adds its rows to a piece of the columns and
+        sends this to the next rank.
         """
         density, rank, last = self.slabs.density, self.comm.rank, self.comm.size - 1
         rows = np.concatenate(self.comm.listed(density.sum(axis=1)))
@@ -198,13 +209,16 @@ class DividedMesh(Mesh):
         return rows, columns
 
 
-def nodes_of(rows: Array, nx: int, border: int) -> Array:
-    """Return the nodes (n,) along x of rows of slabs. The last `border` rows are the nodes before the first of `nx`."""
+def nodes_of_slab_rows(rows: Array, nx: int, border: int) -> Array:
+    """Return the index along x of the grid node of each row (n,) of the slabs.
+
+    The last `border` rows have negative indices: they are the border before the first of the `nx` nodes.
+    """
     return np.where(rows < nx + border, rows, rows - nx - 2 * border)
 
 
 class DividedSheet(Mesh):
-    """`Mesh` of a rank in one dimension: the whole grid."""
+    """`Mesh` of one rank in one dimension, with the whole grid."""
 
     def __init__(self, grid: Grid, kernel: Kernel, division: Division) -> None:
         super().__init__(grid, kernel)
@@ -221,6 +235,6 @@ class DividedSheet(Mesh):
 
 
 def divided(mesh: Mesh, division: Division) -> Mesh:
-    """Return a mesh as that of this rank."""
+    """Return the mesh of this rank that replaces `mesh`, which is for one process."""
     kind = DividedSheet if mesh.grid.shape[1] == 1 else DividedMesh
     return kind(mesh.grid, mesh.kernel, division)

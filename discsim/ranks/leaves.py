@@ -1,8 +1,8 @@
-"""Part of the drag lattice near a rank's own particles (`drag/cells.py`), with sums over all ranks in its leaves.
+"""Part of the lattice of drag cells near a rank's own particles (`drag/cells.py`), with sums over the ranks in leaves.
 
-Blocks are merged within largest blocks, which are squares of leaves. From the particles of all ranks in a largest
-block, its blocks are the same as on one rank. A rank has the largest blocks that hold any of its own particles, and
-those about them that blocks of its own may depend on.
+Drag cells are blocks of leaves, made by merging within largest blocks, squares of MOST by MOST leaves. If the sums over
+the leaves of a largest block include the particles of all ranks, its blocks are the same as on one rank. Each rank has
+the largest blocks that contain own particles, and neighbouring ones that its own blocks may depend on.
 """
 
 from __future__ import annotations
@@ -22,24 +22,27 @@ from discsim.numerics.neighbours import corners
 from discsim.numerics.threads import parallel_for
 from discsim.numerics.world import Needed
 from discsim.ranks.comm import Comm
-from discsim.ranks.exchange import REMEMBERED, asked_of, route_to
+from discsim.ranks.exchange import REMEMBERED_STEPS, asked_of, route_to
 
 Array = np.ndarray
 LEAST = 4  # columns of largest blocks in a chunk of a loop
 
 
 class Leaves(OneRank):
-    """Parts of lattices. reach: number of largest blocks about its own that a rank has."""
+    """Parts of drag lattices on a rank.
+
+    reach: distance from own particles up to which the rank has the lattice, in largest blocks.
+    """
 
     def __init__(self, comm: Comm) -> None:
         self.comm, self.reach = comm, 0
         self._held: Array | None = None  # leaves of the last part that hold own particles
-        self._wanted = deque[int](maxlen=REMEMBERED)
+        self._wanted = deque[int](maxlen=REMEMBERED_STEPS)
 
     def suffices(self, wanted: int) -> bool:
-        """Return whether the reach covers the `wanted` one, and set the next reach to the largest of the last kicks.
+        """Return whether `reach` is at least `wanted`, and set `reach` to the largest one needed in recent kicks.
 
-        Blocks change in each kick, and a second pass costs more than a wider part.
+        Blocks change in each kick, and repeating the kick's first pass costs more than a wider part.
         """
         enough = wanted <= self.reach
         self._wanted.append(wanted)
@@ -57,9 +60,9 @@ class Leaves(OneRank):
         return lattice._replace(first=(first_x, first_y), shape=(along_x, along_y))
 
     def _span(self, lattice: Lattice, axis: int, low: float, high: float) -> tuple[int, int]:
-        """Return the first leaf and the number of leaves of the largest blocks about own leaves.
+        """Return the first leaf and the number of leaves, along one axis, of the largest blocks near own leaves.
 
-        Own leaves go from `low` to `high`.
+        low, high: first and last leaf with own particles along the axis.
         """
         count, reach = lattice.whole[axis], _reach(lattice, axis, self.reach)
         last, turns = (count - 1) // MOST, low // count if lattice.periodic else 0.0
@@ -71,7 +74,10 @@ class Leaves(OneRank):
         return begin * MOST, min((end + 1) * MOST, count) - begin * MOST
 
     def summed(self, lattice: Lattice, *held: Array) -> Sequence[Array]:
-        """Return the sums over ranks in each largest block within reach of one with own particles."""
+        """Return arrays over leaves summed over ranks, in largest blocks within reach of own particles. Collective.
+
+        held: arrays of this rank, one entry for each leaf and a last one; they are changed in place.
+        """
         tables = [array[:-1].reshape(lattice.shape) for array in held]
         x, y = (np.arange(0, n, MOST) for n in lattice.shape)
         own, leaves = np.zeros((len(x), len(y)), bool), np.empty(lattice.shape, bool)
@@ -86,16 +92,16 @@ class Leaves(OneRank):
         for k, table in enumerate(tables):
             cut_blocks(cut, table, k, rows)
         places = np.column_stack(np.divmod(route.send(begin[some]), along)) - first
-        found = route.pass_on(rows)
+        found = route.send_rows(rows)
         for k, table in enumerate(tables):
             add_blocks(places, found, k, table)
         self._held = leaves.ravel()
         return held
 
     def held(self, lattice: Lattice, leaves: Sequence[Array]) -> Array:
-        """Return which leaves of a part hold own particles, also if `summed` was not called.
+        """Return the mask of the leaves of a part that contain own particles.
 
-        `leaves` has the leaf of each own particle, by species.
+        leaves: leaf of each own particle, one array for each species; used only if `summed` was not called.
         """
         if self._held is not None:
             return self._held
@@ -106,12 +112,12 @@ class Leaves(OneRank):
 
 
 def _reach(lattice: Lattice, axis: int, away: int) -> int:
-    """Return `away`, or one more where the last largest block of a period is incomplete."""
+    """Return the distance `away` in largest blocks, plus 1 if the last one of a periodic axis is incomplete."""
     return away + (lattice.periodic and away > 0 and lattice.whole[axis] % MOST > 0)
 
 
 def widened(mask: Array, lattice: Lattice, away: int) -> Array:
-    """Return which largest blocks of a part of a lattice (x, y) are within reach of any in the `mask`."""
+    """Return the mask (x, y) of the largest blocks within a distance of `away` largest blocks from any in `mask`."""
     for axis in range(2):
         reach = min(_reach(lattice, axis, away), mask.shape[axis])
         mode = "wrap" if lattice.joined[axis] else "constant"

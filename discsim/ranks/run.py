@@ -1,8 +1,7 @@
-"""Run on several MPI ranks: each steps on with its own particles. Rank 0 leads: it alone writes files and messages.
+"""Run on several MPI ranks, each with its own particles. Only rank 0 writes the common files and messages.
 
-An operation of the leading rank may fail there alone; its exception is then raised on all ranks, and all end in the
-same way. If a rank fails outside such operations, the others wait for it in vain: the job is aborted after WAIT
-seconds.
+If rank 0 fails in such an operation, its exception is raised on all ranks, and all end in the same way. If a rank fails
+elsewhere, the others would wait for it without end: the job is aborted after ABORT_DELAY seconds.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ from discsim.output.parts import tidy
 from discsim.output.snapshot import write_snapshot
 from discsim.printable import printable
 from discsim.ranks import files
-from discsim.ranks.agreed import led, raise_together
+from discsim.ranks.agreed import on_root, raise_together
 from discsim.ranks.begin import divide
 from discsim.ranks.comm import Comm
 from discsim.ranks.gathering import gathered, gathered_columns
@@ -34,29 +33,30 @@ from discsim.ranks.start import begun
 from discsim.ranks.world import Ranks
 from discsim.run.progress import Progress
 from discsim.run.records import Records
-from discsim.run.runner import Run, ended
+from discsim.run.runner import Run, execute_and_report
 from discsim.run.shown import columns, with_present_pressure
 from discsim.run.simulation import Simulation
 from discsim.scene import Scene
 
-STORED = {"mass", "ids", *(name for _, fields in GROUPS.values() for name in fields)}  # arrays in snapshots
-OPEN = {"mass", "ids", *KICKED, "h_before"}  # arrays for an open step in snapshots
-WAIT = 3.0  # seconds for all ranks to come to their ends
+SNAPSHOT_ARRAYS = {"mass", "ids", *(name for _, fields in GROUPS.values() for name in fields)}  # arrays in snapshots
+OPEN_STEP_ARRAYS = {"mass", "ids", *KICKED, "h_before"}  # arrays for an open step in snapshots
+ABORT_DELAY = 3.0  # seconds that ranks wait for all others to end, before the job is aborted
 FAILED = 1  # exit status of unforeseen errors
 
 
 def run_on_ranks(scene: Scene, directory: Path, resume: bool, quiet: bool) -> int:
-    """Run a scene on all ranks, as `run_scene`; return the exit status, the same on each. Aborts the job if a rank is
-    lost.
+    """Run a scene on all ranks, as `run_scene`; return the exit status, which is the same on each rank.
+
+    The job is aborted if not all ranks come to their end.
     """
     comm = Comm()
     alarm = comm.mpi.Dup()  # apart from operations that may still be pending
     run = DividedRun(scene, directory, quiet, comm)
     try:
-        status = ended(run, resume)
+        status = execute_and_report(run, resume)
     except BaseException:
         status, run.progress.failed = FAILED, traceback.format_exc()
-    request, late = alarm.Ibarrier(), time.monotonic() + WAIT + (0.0 if comm.rank == 0 else 1.0)
+    request, late = alarm.Ibarrier(), time.monotonic() + ABORT_DELAY + (0.0 if comm.rank == 0 else 1.0)
     while not request.Test():
         if time.monotonic() > late:
             if run.progress.failed:
@@ -69,7 +69,7 @@ def run_on_ranks(scene: Scene, directory: Path, resume: bool, quiet: bool) -> in
 
 
 class RootReporter(Progress):
-    """Progress of the leading rank; it holds its errors back until those of other ranks are known."""
+    """Progress messages of rank 0. An error is stored in `failed`, and printed when all ranks have ended."""
 
     failed = ""
 
@@ -80,7 +80,7 @@ class RootReporter(Progress):
 
 
 class NullReporter(RootReporter):
-    """Silent progress of the other ranks."""
+    """Progress messages of the other ranks: none, except that an error is stored in `failed`."""
 
     def open_log(self, path: Path, resume: bool) -> None:
         pass
@@ -99,9 +99,9 @@ class NullReporter(RootReporter):
 
 
 class NullRecords(Records):
-    """Tables that another rank writes."""
+    """Tables on the other ranks, which do not write them."""
 
-    def take_up(self, step: int, values: Values) -> list[str]:
+    def restore_rows(self, step: int, values: Values) -> list[str]:
         return []
 
     def open(self) -> None:
@@ -115,7 +115,7 @@ class NullRecords(Records):
 
 
 class DividedRun(Run):
-    """Part of a run on one rank."""
+    """Part of a run on one rank; leads: whether this is rank 0."""
 
     ranks: Ranks
 
@@ -125,58 +125,58 @@ class DividedRun(Run):
         self.progress: RootReporter = (RootReporter if self.leads else NullReporter)(scene, quiet)
         self.compilation.progress = self.progress
 
-    def led(self, do: Callable[[], Any]) -> Any:
-        return led(self.comm, do)
+    def on_root(self, do: Callable[[], Any]) -> Any:
+        return on_root(self.comm, do)
 
-    def _enter(self, resume: bool) -> tuple[bool, bool, float]:
-        entered = super()._enter
-        found, self.snapshots, self.put_out, self.checkpoints = self.led(
+    def _enter_directory(self, resume: bool) -> tuple[bool, bool, float]:
+        entered = super()._enter_directory
+        found, self.snapshots, self.put_out, self.checkpoints = self.on_root(
             lambda: (entered(resume), self.snapshots, self.put_out, self.checkpoints)
         )
         return found
 
-    def _nothing_left(self, reached: float) -> int:
-        return int(self.led(lambda: super(DividedRun, self)._nothing_left(reached)))
+    def _finish_ended_run(self, reached: float) -> int:
+        return int(self.on_root(lambda: super(DividedRun, self)._finish_ended_run(reached)))
 
     def _copy_files(self) -> None:
-        self.led(super()._copy_files)
+        self.on_root(super()._copy_files)
 
-    def _tables(self) -> Records:
-        return super()._tables() if self.leads else NullRecords(self.scene, self.directory)
+    def _make_records(self) -> Records:
+        return super()._make_records() if self.leads else NullRecords(self.scene, self.directory)
 
-    def _simulation(self, to_restore: bool) -> Simulation:
+    def _make_simulation(self, to_restore: bool) -> Simulation:
         return Simulation(self.scene, begun=begun(self.comm, self.scene, to_restore))
 
     def _restore(self, path: Path) -> Values:
         return raise_together(self.comm, lambda: self.sim.restore(path, (self.comm.rank, self.comm.size)))
 
-    def _take_up_rows(self, values: Values) -> list[str]:
-        return list(self.led(lambda: super(DividedRun, self)._take_up_rows(values)))
+    def _restore_rows(self, values: Values) -> list[str]:
+        return list(self.on_root(lambda: super(DividedRun, self)._restore_rows(values)))
 
     def _open_files(self, resume: bool) -> None:
-        self.led(lambda: super(DividedRun, self)._open_files(resume))  # after all ranks have read the checkpoint
+        self.on_root(lambda: super(DividedRun, self)._open_files(resume))  # after all ranks have read the checkpoint
         self.ranks = divide(self.sim, self.comm, alike=False)
 
     def _add_row(self) -> None:
         raise_together(self.comm, super()._add_row)  # for errors after the collective part
 
-    def _must_save(self) -> bool:
-        return bool(self.ranks.most(super()._must_save()))
+    def _checkpoint_is_due(self) -> bool:
+        return bool(self.ranks.most(super()._checkpoint_is_due()))
 
     def _must_stop(self) -> bool:
         self.interrupts.number = self.ranks.most(self.interrupts.number)
         return bool(self.ranks.most(super()._must_stop()))
 
-    def _output(self) -> None:
-        sim, comm, divided = self.sim, self.comm, files.to_divide(self.comm, self.sim.state)
-        unfinished = gathered(comm, sim.state, "ids", divided, OPEN)
+    def _write_output(self) -> None:
+        sim, comm, divided = self.sim, self.comm, files.write_in_parts(self.comm, self.sim.state)
+        unfinished = gathered(comm, sim.state, "ids", divided, OPEN_STEP_ARRAYS)
         open_step = open_step_of(unfinished, kick_effect(sim.effects) is not None)
         del unfinished  # to free memory
         with sim.closed() as state:
             extra = gathered_columns(comm, state, columns(state, sim.effects.values()), "ids", divided)
             extent = self._extent(state)
-            shown = gathered(comm, replace(state, gas=with_present_pressure(state)), "ids", divided, STORED)
-            path = self._snapshot(self.snapshots)
+            shown = gathered(comm, replace(state, gas=with_present_pressure(state)), "ids", divided, SNAPSHOT_ARRAYS)
+            path = self._snapshot_path(self.snapshots)
             files.write(
                 comm,
                 path,
@@ -189,20 +189,20 @@ class DividedRun(Run):
             if state.step == 0:
                 self.records.add_companions(state, 0.0)
         sim.costs.agree()
-        self.led(lambda: sim.costs.write(self.directory / "costs.csv"))
+        self.on_root(lambda: sim.costs.write(self.directory / "costs.csv"))
         self.put_out = sim.time
         self.progress.line(sim.state, self.dt, self.set_by, f"snapshot {self.snapshots:04d}")
         self.snapshots += 1
 
     def _extent(self, state: State) -> Extent:
-        """Return the extent of the particles of all ranks."""
+        """Return the extent in space and the numbers of the particles of all ranks."""
         lower, upper, counts = extent_of(self.scene, state.gas, state.dust, state.bodies)
         counts |= {name: p.everywhere for name, p in state.species.items()}
         return Extent(self.ranks.least(lower), self.ranks.most(upper), counts)
 
-    def _save(self) -> None:
+    def _save_checkpoint(self) -> None:
         own, write_checkpoint = self.sim.state, super()._write_checkpoint
-        divided = files.to_divide(self.comm, own)
+        divided = files.write_in_parts(self.comm, own)
         share = gathered(self.comm, own, divided=divided)
 
         def fill(into: Any) -> None:
@@ -213,8 +213,8 @@ class DividedRun(Run):
                 self.sim.state = own
 
         files.write(self.comm, self.checkpoints.last, divided, fill, self.checkpoints.before)
-        self.led(lambda: tidy(self.directory))
-        self.saved, self.saved_time = time.monotonic(), self.sim.time
+        self.on_root(lambda: tidy(self.directory))
+        self.saved_at, self.saved_time = time.monotonic(), self.sim.time
 
     def _finish(self) -> int:
-        return int(self.led(super()._finish))
+        return int(self.on_root(super()._finish))

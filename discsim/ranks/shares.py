@@ -1,4 +1,4 @@
-"""Equal shares of consecutive items for ranks."""
+"""Division of consecutive items, such as rows, into a range of about equal length for each rank."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ from typing import NamedTuple
 
 
 class Share(NamedTuple):
-    """Shares of consecutive items: those of a rank go from `edges[rank]` up to `edges[rank + 1]`."""
+    """Ranges of consecutive items, one for each rank: from `edges[rank]` up to `edges[rank + 1]`."""
 
     edges: list[int]
 
     @classmethod
     def of(cls, count: int, size: int, ranks: int) -> Share:
-        """Return the shares of `count` items, in whole pieces of `size` items."""
+        """Return ranges that divide `count` items among ranks, cut at multiples of `size` items."""
         pieces = -(-count // size)
         return cls([min(size * (pieces * rank // ranks), count) for rank in range(ranks + 1)])
 

@@ -1,8 +1,8 @@
-"""Potential of a grid divided among ranks: `numerics/poisson.py` by slabs, with the same bits.
+"""Potential of a grid divided among ranks into slabs of rows, bitwise equal to that of `numerics/poisson.py`.
 
-A rank transforms some batches of rows along y. An all-to-all exchange then brings it whole tiles of columns. It
-transforms these along x, multiplies them by its columns of the kernel, and transforms them back. A second exchange
-brings them to its rows again. Batches are those of one rank, and so are the results of FFT plans.
+Each rank transforms its rows along y. After an all-to-all exchange it has whole tiles of columns. It transforms these
+along x, multiplies them by the transform of the kernel, and transforms them back. A second exchange returns them to the
+ranks that have their rows. Batches of rows are the same as on one rank, and so are the results of the FFT plans.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ Array = np.ndarray
 
 
 class Slabs:
-    """Slab of a rank, of a grid (nx, ny) with `border` more nodes on every side.
+    """Slab of rows that a rank has, of a grid of `shape` (nx, ny) with `border` more nodes on every side.
 
-    rows: rows of each rank; those of the grid are followed by nodes beyond the last and then by those before the
-    first. density (held, ny): input, at the `held` rows in the grid. potential (rows, ny + 2 border): output.
-    by_rows, by_tiles: memory that only `solve` needs.
+    rows: division of all rows among ranks: first the nx rows of the grid, then the border after the last row, then the
+    border before the first row. held: number of this rank's rows that are in the grid. density (held, ny): input.
+    potential (n, ny + 2 border): output, for all n rows of this rank. by_rows, by_tiles: memory that only `solve` uses.
     """
 
     def __init__(
@@ -54,20 +54,20 @@ class Slabs:
         self.by_tiles = np.empty((tiles, self.count, TILE), complex)
         self._kernel = self._transform(padded, cell, kernel, periodic) / (padded[0] * padded[1])
         self._workers = Workers(padded, periodic, border, thread_pool.number_of_threads())
-        self._turn = Turn(comm, self._tiles, self.rows)
+        self._exchange = AllToAll(comm, self._tiles, self.rows)
 
     def solve(self) -> None:
-        """Compute the potential of the density of all ranks."""
+        """Compute `potential` from the `density` of all ranks. Collective."""
         by_rows, by_tiles, each = self.by_rows, self.by_tiles, self._workers.each
         each(lambda worker, batch: worker.forward(self.density, batch * ROWS, by_rows), -(-self.held // ROWS))
-        self._turn.forth(by_rows, by_tiles)
+        self._exchange.gather_second_axis(by_rows, by_tiles)
         each(lambda worker, tile: worker.convolve(by_tiles, tile, self._kernel), len(by_tiles))
-        self._turn.back(by_tiles, by_rows)
+        self._exchange.gather_first_axis(by_tiles, by_rows)
         batches = -(-len(self.potential) // ROWS)
         each(lambda worker, batch: worker.backward(by_rows, batch * ROWS, self.potential, 0), batches)
 
     def _transform(self, padded: tuple[int, int], cell: float, kernel: Kernel, periodic: bool) -> Array:
-        """Return the rows of the kernel's transform (ky, kx) for this rank's tiles."""
+        """Return the part of the kernel's transform (ky, kx) for the tiles of this rank. Collective."""
         modes = padded[1] // 2 + 1
         of_ky = Share([min(TILE * edge, modes) for edge in self._tiles.edges])
         rank = self.comm.rank
@@ -78,32 +78,32 @@ class Slabs:
         given = open_kernel(padded, cell, kernel, of_x.span(rank))
         given = dct(given, type=1, axis=0) if given.size > 0 else given
         taken = np.empty((of_ky.count(rank), padded[0] // 2 + 1))
-        Turn(self.comm, of_ky, of_x).forth(given, taken)
+        AllToAll(self.comm, of_ky, of_x).gather_second_axis(given, taken)
         return even_first(dct(taken, type=1, axis=1)) if taken.size > 0 else taken
 
 
-class Turn(NamedTuple):
-    """Exchange between two divisions of an array (m, n, ...) among ranks.
+class AllToAll(NamedTuple):
+    """All-to-all exchange between two divisions of an array (m, n, ...) among ranks.
 
-    Before and after it a rank has all along one axis, and its share along the other.
+    Before or after the exchange a rank has its range along one axis and the whole of the other axis.
     """
 
     comm: Comm
     along_first: Share
     along_second: Share
 
-    def forth(self, given: Array, taken: Array) -> None:
-        """Exchange from arrays with the whole first axis to arrays with the whole second axis."""
+    def gather_second_axis(self, given: Array, taken: Array) -> None:
+        """Send `given`, which has the whole first axis, and fill `taken`, which has the whole second axis."""
         self.comm.swap(given, self._rows(given), taken, self._columns(taken))
 
-    def back(self, given: Array, taken: Array) -> None:
-        """Exchange from arrays with the whole second axis to arrays with the whole first axis."""
+    def gather_first_axis(self, given: Array, taken: Array) -> None:
+        """Send `given`, which has the whole second axis, and fill `taken`, which has the whole first axis."""
         self.comm.swap(given, self._columns(given), taken, self._rows(taken))
 
     def _rows(self, array: Array) -> list[Array]:
-        """Return the share of each rank along the first axis."""
+        """Return the parts of an array for each rank along the first axis."""
         return [array[self.along_first.span(rank)] for rank in range(self.comm.size)]
 
     def _columns(self, array: Array) -> list[Array]:
-        """Return the share of each rank along the second axis."""
+        """Return the parts of an array for each rank along the second axis."""
         return [array[:, self.along_second.span(rank)] for rank in range(self.comm.size)]

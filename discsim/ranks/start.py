@@ -1,6 +1,6 @@
-"""Start of a run on several ranks.
+"""Initial state of a run on several ranks.
 
-The leading rank makes it, with all its particles. The other ranks have the same effects and no particles, until the
+Rank 0 makes the initial state with all particles. The other ranks get the same effects and no particles, until the
 particles are distributed (`division.py`).
 """
 
@@ -13,17 +13,18 @@ import numpy as np
 from discsim.effects import load_effects
 from discsim.numerics.state import Dust, Gas, State
 from discsim.numerics.threads import set_threads
-from discsim.ranks.agreed import led
+from discsim.ranks.agreed import on_root
 from discsim.ranks.comm import Comm
 from discsim.run.start import Begun, begin
 from discsim.scene import Scene
 
-KINDS: dict[str, Any] = {"gas": Gas, "dust": Dust}
-TOLD = ("time", "step", "earlier", "lag", "ledger", "pace", "bodies")  # fields of a state, besides its particles
+PARTICLE_TYPES: dict[str, Any] = {"gas": Gas, "dust": Dust}
+# Fields of a state that are the same on all ranks.
+SHARED_FIELDS = ("time", "step", "earlier", "lag", "ledger", "pace", "bodies")
 
 
 def begun(comm: Comm, scene: Scene, to_restore: bool) -> Begun:
-    """Return the start by `begin`, with all particles on the leading rank."""
+    """Return the start of a scene as `run.start.begin`, with all particles on rank 0."""
     set_threads(scene.run.threads)
     made: list[Begun] = []
 
@@ -31,19 +32,19 @@ def begun(comm: Comm, scene: Scene, to_restore: bool) -> Begun:
         made.append(begin(scene, to_restore=to_restore))
         return told(made[0])
 
-    heard = led(comm, make)
+    heard = on_root(comm, make)
     return made[0] if made else without_particles(scene, heard)
 
 
 def told(begun: Begun) -> dict[str, Any]:
-    """Return the data of a start for the other ranks."""
+    """Return the data of a start that the other ranks need: shapes and types of arrays, and values of the state."""
     state = begun.state
     return {
         "arrays": {
             name: {key: (array.shape, array.dtype) for key, array in p.arrays().items()}
             for name, p in state.species.items()
         },
-        "state": {name: getattr(state, name) for name in TOLD},
+        "state": {name: getattr(state, name) for name in SHARED_FIELDS},
         "effects": {
             name: {key: getattr(effect, key) for key in effect.from_start} for name, effect in begun.effects.items()
         },
@@ -51,10 +52,10 @@ def told(begun: Begun) -> dict[str, Any]:
 
 
 def without_particles(scene: Scene, told: dict[str, Any]) -> Begun:
-    """Return the same state and effects, with arrays of no rows."""
+    """Return the start on another rank than 0: the same state and effects, but arrays without particles."""
     # Effects need a state with as many particles: zeros, which take no memory until they are written.
     species: dict[str, Any] = {
-        name: KINDS[name](**{key: np.zeros(*like) for key, like in arrays.items()})
+        name: PARTICLE_TYPES[name](**{key: np.zeros(*like) for key, like in arrays.items()})
         for name, arrays in told["arrays"].items()
     }
     state = State(scene, species.get("gas"), species.get("dust"), None)

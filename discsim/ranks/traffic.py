@@ -1,8 +1,8 @@
-"""Cost of communication by effect: MPI calls, their seconds, and the waiting for other ranks in these.
+"""Cost of communication by effect: number of MPI calls, their time, and the time spent waiting for other ranks.
 
-All ranks make the same calls in the same order. The last rank to enter a call does not wait, so the least time of any
-rank in the call is the time of the exchange itself. Any time beyond it on another rank is waiting. No barrier is
-needed: times are compared once in FOLD calls.
+All ranks make the same calls in the same order. The last rank to enter a call does not wait, so the shortest time of
+any rank in the call is the time of the exchange itself. Another rank waits for the rest of its time. No barrier is
+needed: ranks compare their times once after CALLS_PER_COMPARISON calls.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from typing import NamedTuple
 import numpy as np
 from mpi4py import MPI
 
-FOLD = 1024
+CALLS_PER_COMPARISON = 1024
 
 
 class Sum(NamedTuple):
-    """Sums over calls of a rank: number of calls, CPU seconds, seconds, seconds of waiting, bytes and messages sent."""
+    """Sums over MPI calls of a rank: their number, CPU and wall-clock seconds, waiting, bytes and messages sent."""
 
     calls: float = 0.0
     cpu_seconds: float = 0.0
@@ -33,7 +33,10 @@ class Sum(NamedTuple):
 
 
 class Traffic:
-    """Sums by the present activity, `doing`: the name of an effect, or "" between effects."""
+    """Cost of MPI calls, summed by effect.
+
+    doing: name of the effect to which calls are added at present; "" between effects.
+    """
 
     def __init__(self, mpi: MPI.Comm) -> None:
         self._mpi = mpi
@@ -49,7 +52,7 @@ class Traffic:
         wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
         self._add(self.doing, 1, cpu, wall, 0.0, size, messages)
         self._times.append((self.doing, wall))
-        if len(self._times) == FOLD:
+        if len(self._times) == CALLS_PER_COMPARISON:
             self.fold()
 
     def _add(self, name: str, *more: float) -> None:
@@ -59,11 +62,11 @@ class Traffic:
 
     @property
     def sums(self) -> dict[str, Sum]:
-        """Sums so far, by name."""
+        """Sums so far, by the name of the effect."""
         return {name: Sum(*row) for name, row in self._sums.items()}
 
     def fold(self) -> None:
-        """Compare the times of the last calls between ranks. Collective."""
+        """Compare the times of recent calls between ranks, and add the waiting to the sums. Collective."""
         own = np.array([seconds for _, seconds in self._times])
         least = np.empty_like(own)
         self._mpi.Allreduce(own, least, MPI.MIN)
@@ -72,7 +75,7 @@ class Traffic:
         self._times = []
 
     def mean(self, sums: dict[str, Sum]) -> dict[str, Sum]:
-        """Return sums of this rank as means over all ranks. Collective."""
+        """Return the means over all ranks of `sums`, which have the same names on each rank. Collective."""
         own = np.array([*sums.values()]).reshape(-1, len(Sum._fields))
         out = np.empty_like(own)
         self._mpi.Allreduce(own, out, MPI.SUM)

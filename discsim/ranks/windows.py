@@ -1,7 +1,7 @@
-"""Windows of the grid on ranks: the nodes that their particles touch, from one column up to another in each row.
+"""Windows of the grid: the nodes that the particles of a rank touch, one range of columns (y) in each row (x).
 
-In a periodic box a window that touches an edge has all nodes along that axis, and every row has the whole window's
-columns.
+With open edges the range differs from row to row. In a periodic box all rows of a window have the same columns, and a
+window near an edge has all nodes along that axis.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ Array = np.ndarray
 
 
 class Windows(NamedTuple):
-    """Windows of all ranks: nodes from `low` up to `high` (ranks, 2), and a ring for the gradient.
+    """Windows of all ranks.
 
-    ring (ranks, 2): its width on each side. least, most (ranks, bands + 2): range of the first nodes along y of a
-    rank's particles, in each band of rows; the first and the last band are empty. off: number of particles off the
-    grid.
+    low, high (ranks, 2): first node and end of the box of each window. ring (ranks, 2): width of the ring of nodes
+    around the window that the gradient needs. least, most (ranks, bands + 2): smallest and largest index along y in
+    each band of rows, as in `Extent`; the first and the last band are empty. off: number of particles off the grid.
     """
 
     low: Array
@@ -39,7 +39,10 @@ class Windows(NamedTuple):
 
     @classmethod
     def agreed(cls, extents: Iterable[Extent], grid: Grid, comm: Comm) -> Windows:
-        """Return windows about the particles of some species of each rank. Collective."""
+        """Return the windows of all ranks. Collective.
+
+        extents: ranges of nodes that the particles of each species on this rank touch.
+        """
         mine = reduce(joined, extents)
         some = slice(mine.low // BAND, mine.high // BAND + 1)
         told = np.concatenate([[mine.low, mine.high, mine.off], mine.least[some], mine.most[some]])
@@ -53,10 +56,11 @@ class Windows(NamedTuple):
 
     @classmethod
     def about(cls, ends: Array, bands: Array, off: int, grid: Grid) -> Windows:
-        """Return windows about the particles of each rank.
+        """Return the windows of all ranks, from the nodes that their particles touch.
 
-        ends (2, ranks): least and largest first nodes of particles along x. bands (2, ranks, bands): the same along
-        y, by bands of rows.
+        Each particle is counted by the index of its first node along each axis, as in `Extent`. ends (2, ranks):
+        smallest and largest index along x. bands (2, ranks, bands): smallest and largest index along y, in each band of
+        rows. off: number of particles off the grid, on all ranks.
         """
         count = np.array(grid.shape)
         low, high = np.stack([ends, [bands[0].min(axis=1), bands[1].max(axis=1)]], axis=-1)
@@ -72,9 +76,9 @@ class Windows(NamedTuple):
         return nx, ny
 
     def columns(self, ranks: slice, rows: Array, ring: bool = False) -> tuple[Array, Array]:
-        """Return where the nodes of `ranks` begin and end (ranks, rows) in `rows` of the grid.
+        """Return first column and end, (ranks, rows) each, of the windows of some ranks in some rows of the grid.
 
-        ring: with their ring. Some rows may be beyond the edges of the grid.
+        Rows may be beyond the edges of the grid. ring: whether to include the rings of the windows.
         """
         low, high, beyond = self.low[ranks, :, None], self.high[ranks, :, None], BORDER * ring
         if ring:
@@ -90,13 +94,13 @@ class Windows(NamedTuple):
 
 
 def joined(one: Extent, other: Extent) -> Extent:
-    """Return the extent of two species together."""
+    """Return the range of nodes that the particles of two species touch, from the range of each."""
     least, most = np.minimum(one.least, other.least), np.maximum(one.most, other.most)
     return Extent(least, most, min(one.low, other.low), max(one.high, other.high), one.off + other.off)
 
 
 def no_nodes(grid: Grid, ranks: int) -> tuple[Array, Array]:
-    """Return the arguments of `Windows.about` for ranks without particles."""
+    """Return the arguments `ends` and `bands` of `Windows.about` for ranks without particles."""
     nx, ny = grid.shape
     ends, bands = np.full((2, ranks), -1), np.full((2, ranks, (nx - 1) // BAND + 1), -1)
     ends[0], bands[0] = nx, ny
@@ -104,9 +108,10 @@ def no_nodes(grid: Grid, ranks: int) -> tuple[Array, Array]:
 
 
 class Rows(NamedTuple):
-    """Spans of the rows `row` (n,) of an array, from columns `begin` up to `end` (n,).
+    """Spans of columns in rows of an array, for messages.
 
-    A message has them one after another, from `start` (n + 1,) on.
+    row, begin, end (n,): row, first column and end of each span. start (n + 1,): position of each span in a message,
+    which has the spans one after another.
     """
 
     row: Array
@@ -119,11 +124,14 @@ class Rows(NamedTuple):
         return cls(row, begin, end, np.append(0, np.cumsum(end - begin)))
 
     def take(self, field: Array) -> Array:
-        """Return the entries (m,) of the spans in a field (x, y)."""
+        """Return the entries (m,) of a field (x, y) in all spans."""
         out = np.empty(int(self.start[-1]))
         parallel_for(take_spans, len(self.row), field, *self, out, least=64)  # rows
         return out
 
     def put(self, found: Array, field: Array, add: bool = False) -> None:
-        """Set the spans of a field (x, y) to `found` (m,), or `add` these: rows may occur several times."""
+        """Set the entries of a field (x, y) in all spans to `found` (m,).
+
+        add: whether to add `found` instead; a row may then be in several spans.
+        """
         put_spans(found, *self, add, field)

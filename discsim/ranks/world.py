@@ -1,4 +1,4 @@
-"""Collective operations of `numerics/world.py` on all ranks of a run."""
+"""Collective operations of a run on several ranks, with the interface of `numerics/world.py`."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from discsim.effects.base import to_sort
 from discsim.numerics.world import Fetched, Joined, Needed
 from discsim.ranks.agreed import raise_together
 from discsim.ranks.comm import Comm
-from discsim.ranks.division import COST, Division
+from discsim.ranks.division import PARTICLE_COST, Division
 from discsim.ranks.exchange import Ordered, Wide, asked_of, in_cells, rising, route_to
 from discsim.ranks.sph import DividedSph
 
@@ -24,7 +24,10 @@ Array = np.ndarray
 
 
 class Ranks:
-    """All ranks of a run of a scene, each with its own particles."""
+    """Communication between the ranks of a run, with the interface of `world.Alone`.
+
+    division: ownership of particles. forgets: functions that drop caches, called by `forget`.
+    """
 
     many = True
 
@@ -48,13 +51,14 @@ class Ranks:
         return raise_together(self.comm, do)
 
     def divide(self, state: State, alike: bool = True) -> None:
-        """Send particles to their owners.
+        """Send all particles to their owners, at the start of a run.
 
-        alike: each rank starts with all of them; otherwise with a range of rows, in the order of ranks.
+        alike: whether each rank starts with all particles. If False, each starts with a range of rows, in the order of
+        ranks.
         """
         self.division.cut(state.species, whole=alike)
-        (self.division.keep_own if alike else self.division.deal)(state)
-        self._weigh(state)
+        (self.division.drop_others if alike else self.division.deal)(state)
+        self._measure_balance(state)
 
     def forget(self) -> None:
         for each in self.forgets:
@@ -69,7 +73,7 @@ class Ranks:
             self.division.cut(state.species)
         self.division.settle(state.species)
         if to_sort(state.step):
-            self._weigh(state)
+            self._measure_balance(state)
 
     def corners(self, pos: Array, find: Callable[[Array], tuple[Array, Array]]) -> tuple[Array, Array]:
         bounds = self.division.known_bounds(pos)
@@ -78,9 +82,9 @@ class Ranks:
         columns = np.ascontiguousarray(bounds.T)  # 10 times as fast in numpy as four numbers a row
         return columns[0::2].min(axis=1), columns[1::2].max(axis=1)
 
-    def close_up(self, global_index: Array, gone: Array, unsorted_rows: Array) -> Array:
+    def reuse_removed_keys(self, global_index: Array, gone: Array, unsorted_rows: Array) -> Array:
         removed = np.concatenate(self.comm.listed(global_index[gone]))
-        end = _largest(global_index, len(removed), unsorted_rows)
+        end = _rows_of_largest(global_index, len(removed), unsorted_rows)
         last, gone_too = (np.concatenate(self.comm.listed(each)) for each in (global_index[end], np.isin(end, gone)))
         order = np.argsort(last)[max(len(last) - len(removed), 0) :]
         movers = last[order][~gone_too[order]]
@@ -89,8 +93,8 @@ class Ranks:
         global_index[mine] = holes[np.searchsorted(movers, global_index[mine])]
         return mine
 
-    def _weigh(self, state: State) -> None:
-        cost = sum(COST[name] * p.count for name, p in state.species.items())
+    def _measure_balance(self, state: State) -> None:
+        cost = sum(PARTICLE_COST[name] * p.count for name, p in state.species.items())
         self.balance = self.most(cost) * self.comm.size / max(self.sum(cost), 1.0)
 
     def everyone(self, particles: Particles) -> Joined:
@@ -111,16 +115,16 @@ class Ranks:
         return np.concatenate([rows for _, rows in found])[np.argsort(np.concatenate([at for at, _ in found]))]
 
 
-def _largest(values: Array, number: int, unsorted_rows: Array) -> Array:
+def _rows_of_largest(values: Array, number: int, unsorted_rows: Array) -> Array:
     """Return the rows of the `number` largest of `values` (n,), in any order.
 
-    The values rise, except in the rows `unsorted_rows`.
+    The values ascend, except in the rows `unsorted_rows`.
     """
     if number == 0:
         return unsorted_rows[:0]
     count = len(values)
     unsorted_rows = rising(unsorted_rows[unsorted_rows < count])
-    begin = max(0, count - number - len(unsorted_rows))  # the largest that are not loose are from there on
+    begin = max(0, count - number - len(unsorted_rows))  # the largest of the sorted rows are from there on
     rises = np.ones(count - begin, bool)
     rises[unsorted_rows[np.searchsorted(unsorted_rows, begin) :] - begin] = False
     some = np.concatenate([unsorted_rows, begin + np.flatnonzero(rises)[-number:]])

@@ -1,7 +1,7 @@
-"""New run from a snapshot of an earlier run, with other physics: its scene, and the changes.
+"""Scene of a new run that starts from a snapshot of an earlier run, with changed physics, and a list of the changes.
 
-The scene is that of the earlier run with its comments, but [initial] is the snapshot. The time continues from that of
-the snapshot, so that outputs of both runs are at the same times.
+The new scene is a copy of the earlier one, with its comments, but [initial] names the snapshot. Time continues from
+the time of the snapshot, so that both runs have outputs at the same times.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from discsim.scene.reading import parsed, read
 
 
 class BranchError(UserError):
-    """Missing snapshot, or one that no run can begin with; the message says why."""
+    """Error for a snapshot that is missing or cannot start a run; the message gives the reason."""
 
 
 class Branch(NamedTuple):
-    """Scene of a new run, its first snapshot, and its changes, one line each."""
+    """Scene of a new run, path of the snapshot that it starts from, and its changes, one line of text each."""
 
     scene: Scene
     snapshot: Path
@@ -35,7 +35,7 @@ class Branch(NamedTuple):
 
     @property
     def words(self) -> str:
-        """Snapshot, time and changes, as lines of text."""
+        """Text about the snapshot, its time and the changes, one line each."""
         when = self.scene.initial.file.time_words
         return "\n  ".join(
             [f"branch of {printable(self.snapshot)} at t = {when}, with", *(self.changes or ["nothing changed"])]
@@ -43,25 +43,25 @@ class Branch(NamedTuple):
 
 
 def branch(run: Path, number: int | None, settings: Sequence[str] = (), without: Sequence[str] = ()) -> Branch:
-    """Return the branch of the run in a directory at a snapshot, by default the last one.
+    """Return the scene of a new run that starts from a snapshot of an earlier run.
 
-    settings: changes of keys, like "gas.particles=1000". without: tables to leave out. Raises BranchError,
-    SceneError.
+    run: directory of the earlier run. number: number of the snapshot; None: the last one. settings: changed keys, such
+    as "gas.particles=1000". without: names of tables to remove. Raises BranchError, SceneError.
     """
-    snapshot = _snapshot(run, number)
+    snapshot = _snapshot_path(run, number)
     path = run / "scene.toml"
     before = load_scene(path)
-    initial = _initial(path, f"snapshots/{snapshot.name}", hasattr(before.initial, "reference_radius"))
+    initial = _initial_table(path, f"snapshots/{snapshot.name}", hasattr(before.initial, "reference_radius"))
     _refuse_lost_temperature(before, settings)
     scene = load_scene(path, [f"initial={initial}", *settings], without)
-    changes = list(_changes(before, scene))
+    changes = list(_list_changes(before, scene))
     head = Branch(scene, snapshot, changes).words
     comment = "".join(f"# {line}\n" for line in printable_lines(head).split("\n"))
     return Branch(scene.model_copy(update={"text": f"{comment}\n{scene.text}"}), snapshot, changes)
 
 
-def _snapshot(run: Path, number: int | None) -> Path:
-    """Return the path of a snapshot, by default the last one. Raises BranchError."""
+def _snapshot_path(run: Path, number: int | None) -> Path:
+    """Return the path of snapshot `number` of a run; None: of the last one. Raises BranchError."""
     found = {int(path.stem): path for path in (run / "snapshots").glob("*.h5") if path.stem.isdecimal()}
     if not found:
         raise BranchError(f"{run}: no snapshots found; expected the directory of a run")
@@ -71,8 +71,12 @@ def _snapshot(run: Path, number: int | None) -> Path:
     return found[wanted]
 
 
-def _initial(path: Path, file: str, refers: bool) -> str:
-    """Return the table [initial] as TOML, with the radius that laws of the run refer to."""
+def _initial_table(path: Path, file: str, refers: bool) -> str:
+    """Return the table [initial] of the new scene as an inline TOML table.
+
+    path: scene of the earlier run. file: its snapshot. refers: whether that scene has a reference radius for its power
+    laws, which is then copied.
+    """
     entries: dict[str, Any] = {"kind": KIND, "file": file, "keep_time": True}
     was = value_at(parsed(path, read(path)), "initial") or {}
     radius = was.get("reference_radius", was.get("radius"))  # a ring refers to its own radius
@@ -82,7 +86,7 @@ def _initial(path: Path, file: str, refers: bool) -> str:
 
 
 def _refuse_lost_temperature(before: Scene, settings: Sequence[str]) -> None:
-    """Raise BranchError if the temperature comes from the start alone, as no snapshot holds it."""
+    """Raise BranchError if the gas temperature came from a table of the initial state, as snapshots do not store it."""
     brings = before.initial is not None and start_of(before).thermal_speed
     if not brings or before.gas is None or not getattr(before.initial, "brings_temperature", False):
         return
@@ -92,8 +96,8 @@ def _refuse_lost_temperature(before: Scene, settings: Sequence[str]) -> None:
         raise BranchError(f"{before.path}: {wrong}; expected another temperature, like --set gas.eos.aspect_ratio=0.05")
 
 
-def _changes(before: Scene, after: Scene) -> Iterator[str]:
-    """Yield the changes of tables and keys, one line each."""
+def _list_changes(before: Scene, after: Scene) -> Iterator[str]:
+    """Yield the changes of tables and keys between two scenes, one line of text each."""
     old, new = (tomllib.loads(scene.text) for scene in (before, after))
     for key in differences(before, after):
         path = [int(part) if part.isdecimal() else part for part in key.split(".")]
@@ -105,8 +109,8 @@ def _changes(before: Scene, after: Scene) -> Iterator[str]:
         if path == [path[0]] and path[0] in EFFECTS:
             yield f"[{key}] removed" if now is None else f"[{key}] added" if was is None else f"[{key}] changed"
         else:
-            yield f"{'.'.join(map(str, path))} = {_shown(now)}, was {_shown(was)}"
+            yield f"{'.'.join(map(str, path))} = {_value_text(now)}, was {_value_text(was)}"
 
 
-def _shown(value: Any) -> str:
+def _value_text(value: Any) -> str:
     return "the default" if value is None else json.dumps(value, ensure_ascii=False)

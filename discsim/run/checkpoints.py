@@ -1,4 +1,4 @@
-"""Two checkpoints of a run, the last one and the one before it; a run resumes from the newest intact one."""
+"""The last two checkpoints of a run; a run resumes from the newest one that is intact."""
 
 from __future__ import annotations
 
@@ -15,9 +15,10 @@ from discsim.run.directory import CHECKPOINTS
 
 
 class Checkpoints:
-    """Checkpoints of a directory.
+    """Checkpoint files of a run directory.
 
-    chosen: the checkpoint to resume from. fault: why that is not the last one.
+    last, before: paths of the last checkpoint and of the previous one. chosen: path of the checkpoint to resume from.
+    fault: reason why `chosen` is not `last`, otherwise "".
     """
 
     def __init__(self, directory: Path) -> None:
@@ -25,9 +26,9 @@ class Checkpoints:
         self.chosen, self.fault = self.last, ""
 
     def newest(self) -> tuple[dict[str, Any], Values]:
-        """Return arrays by group, except those of particles, and values of the newest readable checkpoint.
+        """Choose the newest readable checkpoint; return its arrays by group, without particles, and its single values.
 
-        Raises CheckpointError.
+        Raises CheckpointError if neither checkpoint can be read.
         """
         try:
             return checked_checkpoint(self.last)
@@ -39,11 +40,11 @@ class Checkpoints:
             both = f"{self.fault}; {fault}" if self.before.exists() else self.fault
             raise CheckpointError(both) from None
 
-    def refuse_to_lose(self, folder: Path, number: int, put_out: float) -> None:
-        """Raise CheckpointError if a snapshot would be removed and not made again.
+    def refuse_lost_snapshots(self, folder: Path, number: int, put_out: float) -> None:
+        """Raise CheckpointError if resuming would remove a snapshot that the run does not write again.
 
-        number: snapshots that the checkpoint counts. put_out: time of the last of them. Snapshots from `number` on
-        are removed at a resume, so each has to be later than `put_out`.
+        folder: snapshots. number: number of snapshots before the checkpoint. put_out: time of the last of these.
+        Resuming removes the snapshots numbered `number` and above, so each must be later than `put_out`.
         """
         for path in later_snapshots(folder, number):
             with suppress(SnapshotError), hdf5.reading(path, SnapshotError, "snapshot") as file:
@@ -52,12 +53,12 @@ class Checkpoints:
                     raise CheckpointError(f"{self.chosen}: {wrong}; resume from another checkpoint")
 
     def settle(self) -> None:
-        """Rename the chosen checkpoint to the last one, so that the next one does not replace it."""
+        """Rename the chosen checkpoint to `last`, so that the next checkpoint does not overwrite it."""
         if self.chosen != self.last:
             renamed(self.chosen, self.last)
             self.chosen = self.last
 
 
 def later_snapshots(folder: Path, number: int) -> list[Path]:
-    """Return the snapshots in a folder from `number` on."""
+    """Return the paths of the snapshots in `folder` that are numbered `number` or above."""
     return [path for path in folder.glob("*.h5") if path.stem.isdecimal() and int(path.stem) >= number]

@@ -1,4 +1,4 @@
-"""Report of the kernels that compile in a run."""
+"""Messages about kernels that numba compiles during a run."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from discsim.run.progress import Progress
 
 
 class Compilation(event.Listener):
-    """Listener that counts and reports the kernels that compile because they are not on disk."""
+    """Listener that counts and reports compiled kernels; kernels loaded from the cache on disk do not count."""
 
     def __init__(self, progress: Progress) -> None:
         self.progress, self.count = progress, 0
@@ -23,7 +23,7 @@ class Compilation(event.Listener):
         pass
 
 
-def of_numba_cache(fault: BaseException) -> bool:
+def raised_in_numba_cache(fault: BaseException) -> bool:
     """Return whether an exception was raised while numba wrote its cache."""
     frames = traceback.walk_tb(fault.__traceback__)
     return any(frame.f_globals.get("__name__") == caching.__name__ for frame, _ in frames)

@@ -1,4 +1,4 @@
-"""CPU seconds by effect, over all threads, and the table of their shares."""
+"""CPU time of each effect, summed over all threads, and the table costs.csv."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from discsim.output.files import replace_atomically
 
 
 class Costs:
-    """Calls and CPU seconds by name."""
+    """Number of calls and CPU seconds of each effect, by the name of its table."""
 
     def __init__(self, names: Iterable[str]) -> None:
         self.calls = dict.fromkeys(names, 0)
@@ -34,7 +34,7 @@ class Costs:
 
     @property
     def shares(self) -> dict[str, float]:
-        """Share of each name in the total."""
+        """Fraction of the total CPU time, by name."""
         return {name: seconds / (self.total or 1.0) for name, seconds in self.seconds.items()}
 
     def copy(self) -> Costs:
@@ -44,7 +44,7 @@ class Costs:
         return same
 
     def forget(self, start: Costs, end: Costs) -> None:
-        """Subtract the costs between two copies: steps in which kernels compiled."""
+        """Subtract the costs between the copies `start` and `end`, which enclose a step in which kernels compiled."""
         for name in self.calls:
             self.calls[name] -= end.calls[name] - start.calls[name]
             self.seconds[name] -= end.seconds[name] - start.seconds[name]
@@ -53,7 +53,7 @@ class Costs:
         """Collect the costs of all processes before `write`; does nothing in serial runs."""
 
     def rows(self) -> Iterator[list[str]]:
-        """Yield the rows of the table; the first one has the names of the columns."""
+        """Yield the rows of the table; the first row has the column names."""
         shares = self.shares
         yield [*COLUMNS]
         for name, seconds in self.seconds.items():

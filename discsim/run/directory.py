@@ -1,4 +1,4 @@
-"""Directory of a run: its contents, and the lock that admits one process."""
+"""Directory of a run: checks of its contents, and a lock that keeps other processes out."""
 
 from __future__ import annotations
 
@@ -28,30 +28,30 @@ except ImportError:  # a system without flock
 
 parts = Lazy("discsim.output.parts")  # imports h5py
 CHECKPOINTS = ("checkpoint.h5", "checkpoint_before.h5")  # the last one, and the one before it
-LEFT_BY_A_RUN = ("scene.toml", *CHECKPOINTS, "snapshots")
+RUN_FILES = ("scene.toml", *CHECKPOINTS, "snapshots")
 # Errors of flock on file systems without locks.
-NO_LOCKS = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP)
+FLOCK_UNSUPPORTED = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP)
 # Errors of open on a link, a directory or a socket in place of a lock.
-NO_LOCK_FILE = (errno.ELOOP, errno.EISDIR, errno.ENXIO)
-NO_LOCK = (
+NOT_A_PLAIN_FILE = (errno.ELOOP, errno.EISDIR, errno.ENXIO)
+LOCK_MESSAGE = (
     "is not a plain file, but runs use this name for their lock; expected another directory, or this entry removed"
 )
 
 _locks: set[int] = set()  # descriptors of the locks that this process holds
 
 
-def _let_go() -> None:
-    """Close inherited locks, as a child that outlives its killed parent must not keep them."""
+def _close_inherited_locks() -> None:
+    """Close lock files inherited by a fork: a child that outlives its killed parent must not keep the locks."""
     while _locks:
         os.close(_locks.pop())
 
 
 if fcntl is not None:
-    os.register_at_fork(after_in_child=_let_go)
+    os.register_at_fork(after_in_child=_close_inherited_locks)
 
 
 class DirectoryError(UserError):
-    """Directory that a run cannot use as it is; the message says why."""
+    """Error for a directory that a run cannot use; the message gives the reason."""
 
 
 def directory_fault(directory: Path, resume: bool) -> str | None:
@@ -62,10 +62,10 @@ def directory_fault(directory: Path, resume: bool) -> str | None:
             return f"{directory}: {nearest} is a file; expected a directory"
         if not os.access(nearest, os.W_OK | os.X_OK):
             return f"{directory}: {nearest} is not writable; expected a writable directory"
-        left = [name for name in LEFT_BY_A_RUN if (directory / name).exists()]
+        left = [name for name in RUN_FILES if (directory / name).exists()]
     except OSError as error:
         return f"{directory}: {error.strerror}; expected a writable directory"
-    begun = only_begun(directory)
+    begun = ended_before_checkpoint(directory)
     if resume and not {*CHECKPOINTS} & {*left} and not begun:
         return f"{directory}: there is no checkpoint.h5 to resume from; expected the directory of an earlier run"
     if left and not resume:
@@ -87,8 +87,8 @@ def refuse_directory(directory: Path, resume: bool) -> None:
         raise DirectoryError(fault)
 
 
-def scene_there(directory: Path) -> bytes:
-    """Return the contents of the scene file that a run has left in a directory. Raises DirectoryError."""
+def read_scene_file(directory: Path) -> bytes:
+    """Return the contents of scene.toml in the directory of an earlier run. Raises DirectoryError."""
     path = directory / "scene.toml"
     try:
         return read_plain(path)
@@ -97,8 +97,8 @@ def scene_there(directory: Path) -> bytes:
         raise DirectoryError(f"{system_message(fault, 'read', path)}; {wanted}") from None
 
 
-def with_own_files(scene: Scene, directory: Path, made: list[Path]) -> Scene:
-    """Copy the files that a scene names into `directory`, so that the run there needs nothing else.
+def copy_input_files(scene: Scene, directory: Path, made: list[Path]) -> Scene:
+    """Copy the input files named in a scene into `directory`, so that the run needs no files from elsewhere.
 
     Parameters
     ----------
@@ -107,8 +107,8 @@ def with_own_files(scene: Scene, directory: Path, made: list[Path]) -> Scene:
     directory
         Directory of the run.
     made
-        Receives the paths that were absent before, each before its file is made. After an exception the caller has to
-        remove them.
+        List to which the path of each new file is appended before the file is made. After an exception the caller has
+        to remove these files.
 
     Returns
     -------
@@ -140,7 +140,7 @@ def with_own_files(scene: Scene, directory: Path, made: list[Path]) -> Scene:
 
 
 def remove_copies(made: list[Path]) -> None:
-    """Remove the copies of a run that did not begin, and the folder that was made for their parts."""
+    """Remove the copied files `made` of a run that did not begin, and the folder made for their parts."""
     for path in reversed(made):
         with suppress(OSError):  # the fault that ended the run is reported instead
             if path.is_dir():
@@ -149,8 +149,11 @@ def remove_copies(made: list[Path]) -> None:
                 path.unlink(missing_ok=True)
 
 
-def only_begun(directory: Path) -> bool:
-    """Return whether the run there ended before its first checkpoint, with the start as its only snapshot."""
+def ended_before_checkpoint(directory: Path) -> bool:
+    """Return whether `directory` has a run that stopped before its first checkpoint.
+
+    Such a run has a scene.toml, no checkpoint, and at most the first snapshot.
+    """
     if any((directory / name).exists() for name in CHECKPOINTS) or not (directory / "scene.toml").exists():
         return False
     return {path.name for path in directory.glob("snapshots/*.h5")} <= {"0000.h5"}
@@ -158,17 +161,18 @@ def only_begun(directory: Path) -> bool:
 
 @contextmanager
 def held(directory: Path) -> Iterator[bool]:
-    """Lock `directory` against other processes, and yield False if it cannot be locked.
+    """Lock `directory` against other processes within the context.
 
-    The directory is made if it is absent. The lock ends with its process, however the process ends. Raises
-    DirectoryError if another process holds the lock, and OSError.
+    Yields True, or False if the file system has no locks. The directory is made if absent, and removed at the end if
+    it is still empty. The lock is released even if the process is killed. Raises DirectoryError if another process
+    holds the lock, and OSError.
     """
     absent = [folder for folder in (directory, *directory.parents) if not folder.exists()]
     directory.mkdir(parents=True, exist_ok=True)
     for folder in absent:
         fsync_directory(folder.parent)
     path = directory / ".lock"
-    file = _locked(path)
+    file = _lock_file(path)
     try:
         yield file is not None
     finally:
@@ -181,13 +185,16 @@ def held(directory: Path) -> Iterator[bool]:
                 folder.rmdir()
 
 
-def _locked(path: Path) -> int | None:
-    """Return the descriptor of the locked file at `path`, which names this process; None if nothing can be locked."""
+def _lock_file(path: Path) -> int | None:
+    """Lock the file at `path`, and return its descriptor; None if the file system has no locks.
+
+    The process is named in the file, for messages of other processes.
+    """
     while fcntl is not None:
-        file, is_ours = _opened(path)
+        file, is_ours = _open_lock_file(path)
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            if _is_at(file, path):
+            if _is_file_at(file, path):
                 if is_ours:
                     os.ftruncate(file, 0)
                     os.write(file, f"process {os.getpid()} on {socket.gethostname()} since {time.ctime()}".encode())
@@ -200,18 +207,18 @@ def _locked(path: Path) -> int | None:
             if isinstance(fault, BlockingIOError):
                 wanted = "expected another directory, or wait until that run has ended"
                 raise DirectoryError(f"{path.parent}: another run uses this directory ({holder}); {wanted}") from None
-            if fault.errno not in NO_LOCKS:
+            if fault.errno not in FLOCK_UNSUPPORTED:
                 raise
             path.unlink(missing_ok=True)
             break
     return None
 
 
-def _opened(path: Path) -> tuple[int, bool]:
-    """Return a descriptor of the lock at `path`, and whether the file can be written. Raises DirectoryError, OSError.
+def _open_lock_file(path: Path) -> tuple[int, bool]:
+    """Open the lock file at `path`; return its descriptor, and whether the file can be written.
 
-    A lock that a run of another user has left behind can be held as well. A link is not followed, as its target would
-    be emptied.
+    A lock file left by another user may be read-only; it can be locked all the same. A link is not followed, as its
+    target would be emptied. Raises DirectoryError, OSError.
     """
     flags = os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
     try:
@@ -223,17 +230,17 @@ def _opened(path: Path) -> tuple[int, bool]:
             wanted = "expected another directory, or remove the file after that user's run has ended"
             raise DirectoryError(f"{path}: this lock belongs to another user and cannot be opened; {wanted}") from None
     except OSError as fault:
-        if fault.errno not in NO_LOCK_FILE:
+        if fault.errno not in NOT_A_PLAIN_FILE:
             raise
-        raise DirectoryError(f"{path}: {NO_LOCK}") from None
+        raise DirectoryError(f"{path}: {LOCK_MESSAGE}") from None
     if not stat.S_ISREG(os.fstat(file).st_mode):
         os.close(file)
-        raise DirectoryError(f"{path}: {NO_LOCK}")
+        raise DirectoryError(f"{path}: {LOCK_MESSAGE}")
     return file, is_ours
 
 
-def _is_at(file: int, path: Path) -> bool:
-    """Return whether an open file is still the one at `path`."""
+def _is_file_at(file: int, path: Path) -> bool:
+    """Return whether the open `file`, a descriptor, is still the file at `path`."""
     try:
         return os.path.samestat(os.fstat(file), path.stat())
     except FileNotFoundError:
@@ -241,7 +248,7 @@ def _is_at(file: int, path: Path) -> bool:
 
 
 def sweep(directory: Path) -> None:
-    """Remove half-written files of killed runs. The caller has to hold the directory's lock."""
+    """Remove half-written files of killed runs. The caller must hold the lock of the directory."""
     places = directory, directory / "snapshots"
     for folder in (*places, *(place / PARTS for place in places)):
         for part in (*folder.glob(".*.part"), *folder.glob(".*.part.png")):

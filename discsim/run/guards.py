@@ -1,4 +1,4 @@
-"""Guards that stop a run before its numbers lose their meaning; each raises a PhysicsError that names the cause."""
+"""Checks that stop a run whose numbers are wrong or about to be; each raises a PhysicsError that names the cause."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ finite = Lazy("discsim.kernels.common.finite")
 
 INPUTS = ("pos", "vel", "mass", "u", "h")  # arrays that a step reads
 
-# Detection of gas that long steps tear apart: least number of sampled particles, interval in steps, and values that
-# half of the sample must not exceed.
-SAMPLE, EVERY = 512, 16
-REVERSED = -0.2  # cosine between two changes of acceleration, one after the other
-KICKED = 0.25  # change of a kick, in sound speeds
+# Detection of unstable gas: smallest number of sampled particles, number of steps between checks, and limits that at
+# most half of the sample may pass.
+MIN_SAMPLE, CHECK_EVERY = 512, 16
+REVERSAL_COSINE = -0.2  # cosine of the angle between two successive changes of acceleration
+MAX_KICK = 0.25  # difference between the velocity changes of two steps, in sound speeds
 
 
 class Sample(NamedTuple):
-    """Sample of particles at a time: ids in ascending order and sound speeds, (n,) each, and accelerations (n, d)."""
+    """Sample of gas particles at one time: ids (n,), ascending, sound speeds (n,) and accelerations (n, d)."""
 
     time: float
     ids: np.ndarray
@@ -39,56 +39,61 @@ class Sample(NamedTuple):
     acc: np.ndarray
 
 
-class Reversals:
-    """Detector of gas whose acceleration swings back and forth from one step to the next.
+class ReversalGuard:
+    """Detector of unstable gas, whose accelerations change sign in every step.
 
-    In an unstable leapfrog sound between neighbours changes its sign with each step, and grows. No physics does this
-    to most of the gas, as a step resolves its motion. Sampled particles have accelerations a1, a2, a3 in three steps,
-    without the pull of the central mass; d1 = a2 - a1 and d2 = a3 - a2. cos(d1, d2) is near 1 on smooth paths, -1
-    where one mode grows, and -1/2 where each step has noise of its own. |d2| dt is the change of velocity by a step.
+    In an unstable leapfrog, sound waves between neighbours change sign with each step and grow. In a stable run most of
+    the gas never does so, as steps resolve its motion. Sampled particles have accelerations a1, a2, a3 in three
+    consecutive steps, without the pull of the central mass; d1 = a2 - a1 and d2 = a3 - a2. cos(d1, d2) is near 1 on
+    smooth paths, -1 for one growing mode, and -1/2 for noise that is independent in each step. |d2| dt is the
+    difference between the velocity changes of two steps.
     """
 
     def __init__(self) -> None:
-        self.seen: list[Sample] = []  # samples of the last steps
+        self.samples: list[Sample] = []  # samples of the last steps
 
     def forget(self) -> None:
-        """Drop all samples, before steps that do not continue them."""
-        self.seen.clear()
+        """Drop all samples, before steps that do not follow the sampled ones."""
+        self.samples.clear()
 
     def check(self, state: State, effects: Effects) -> None:
-        """Raise PhysicsError on every process if the acceleration of half of the sampled gas swings back and forth."""
-        gas, turn = state.gas, state.step % EVERY
+        """Add a sample in some steps; raise PhysicsError if most of the sampled gas is unstable, on every process.
+
+        Gas is unstable if most of the sample has a cosine below REVERSAL_COSINE and most has a change above MAX_KICK.
+        """
+        gas, turn = state.gas, state.step % CHECK_EVERY
         if gas is None or gas.everywhere == 0 or not 1 <= turn <= 3:
             self.forget()
             return
-        self.seen.append(_sample(state))
-        if len(self.seen) < 3:
+        self.samples.append(_sample(state))
+        if len(self.samples) < 3:
             return
         # Particles that stayed on this process through three steps; rows change as they are sorted.
-        ids = reduce(np.intersect1d, [sample.ids for sample in self.seen])
-        rows = [np.searchsorted(sample.ids, ids) for sample in self.seen]
-        a1, a2, a3 = (sample.acc[own] for sample, own in zip(self.seen, rows, strict=True))
+        ids = reduce(np.intersect1d, [sample.ids for sample in self.samples])
+        rows = [np.searchsorted(sample.ids, ids) for sample in self.samples]
+        a1, a2, a3 = (sample.acc[own] for sample, own in zip(self.samples, rows, strict=True))
         first, second = a2 - a1, a3 - a2
         size = np.sqrt((first**2).sum(axis=1) * (second**2).sum(axis=1))
         cosine = (first * second).sum(axis=1) / np.maximum(size, 1e-300)
-        kicks = np.sqrt((second**2).sum(axis=1)) * (self.seen[2].time - self.seen[1].time)
-        beyond = kicks > KICKED * self.seen[2].sound_speed[rows[2]]
-        counts = np.array([len(ids), np.count_nonzero(cosine < REVERSED), np.count_nonzero(beyond)])
+        kicks = np.sqrt((second**2).sum(axis=1)) * (self.samples[2].time - self.samples[1].time)
+        beyond = kicks > MAX_KICK * self.samples[2].sound_speed[rows[2]]
+        counts = np.array([len(ids), np.count_nonzero(cosine < REVERSAL_COSINE), np.count_nonzero(beyond)])
         number, reversals, beyonds = world.processes.sum(counts)
         if 2 * reversals > number and 2 * beyonds > number:
             key = "courant" if state.scene.run.timestep is None else "timestep"
             raise PhysicsError(
                 f"the gas is numerically unstable: accelerations reverse in every step, and each kick exceeds "
-                f"{KICKED:g} times the sound speed; expected a smaller run.{key}"
+                f"{MAX_KICK:g} times the sound speed; expected a smaller run.{key}"
             )
 
 
 def _sample(state: State) -> Sample:
-    """Return a sample of the gas, with ids that are multiples of a power of two, without the pull of the central
-    mass.
+    """Return a sample of the gas: the particles whose ids are multiples of a power of two.
+
+    Accelerations are without the pull of the central mass.
     """
     gas = state.gas
-    every = 1 << max(gas.everywhere // SAMPLE, 1).bit_length() - 1
+    every = 1 << max(gas.everywhere // MIN_SAMPLE, 1).bit_length() - 1
     rows = np.flatnonzero((gas.ids & (every - 1)) == 0)
     rows = rows[np.argsort(gas.ids[rows])]
     acc, (mass, softening) = gas.acc[rows], state.central
@@ -98,13 +103,16 @@ def _sample(state: State) -> Sample:
     return Sample(state.time, gas.ids[rows], gas.sound_speed[rows], acc)
 
 
-def coupled(state: State) -> bool:
-    """Return whether particles interact, so that a fault of one spreads."""
+def particles_interact(state: State) -> bool:
+    """Return whether particles interact, so that one number that is not finite spreads to other particles."""
     return state.gas is not None or state.grid is not None
 
 
 def check_entries(state: State, effects: Effects) -> None:
-    """Check arrays that a caller may have set, before a kernel reads them. Raises ValueError, and as `check_inputs`."""
+    """Check arrays that a caller may have set, before a kernel reads them.
+
+    Raises EntryError for a wrong type, shape or range, and PhysicsError as `check_inputs`.
+    """
     dimensions = state.scene.space.dimensions
     for name, p in state.species.items():
         held = p.arrays()
@@ -124,35 +132,38 @@ def check_entries(state: State, effects: Effects) -> None:
 
 
 def check_inputs(state: State, effects: Effects) -> None:
-    """Raise PhysicsError if an input of a step is not finite, before a kick or a neighbour search spreads the fault."""
+    """Raise PhysicsError if an array that a step reads is not finite."""
     species = state.species.items()
     arrays = [
         (name, values, f"in its {key} before the step")
         for name, p in species for key in INPUTS if (values := getattr(p, key, None)) is not None
     ]  # fmt: skip
-    _check_all(state, effects, arrays, made_here=False)
+    _check_arrays(state, effects, arrays, made_here=False)
 
 
-def check_kicked(state: State, effects: Effects) -> None:
+def check_after_kick(state: State, effects: Effects) -> None:
     """Raise PhysicsError if a velocity or an energy is not finite after a kick."""
     arrays = [(name, p.vel, "in its vel after a kick") for name, p in state.species.items()]
     if state.gas is not None and state.gas.u is not None:
         arrays.append(("gas", state.gas.u, "in its u after a kick"))
-    _check_all(state, effects, arrays)
+    _check_arrays(state, effects, arrays)
     _check_bodies(state)
 
 
 def check_forces(state: State, effects: Effects, limits: dict[str, float]) -> None:
-    """Raise PhysicsError if an acceleration is not finite, or an effect allows no step."""
-    _check_all(state, effects, [(name, p.acc, "in its acceleration") for name, p in state.species.items()])
+    """Raise PhysicsError if an acceleration is not finite, or a time-step limit is NaN or not positive.
+
+    limits: time-step limits by effect.
+    """
+    _check_arrays(state, effects, [(name, p.acc, "in its acceleration") for name, p in state.species.items()])
     _check_bodies(state)
     for name, limit in limits.items():
         if math.isnan(limit) or limit <= 0.0:
-            raise PhysicsError(f"the time-step limit of {name} is {limit}{_without_heat(state)}")
+            raise PhysicsError(f"the time-step limit of {name} is {limit}{_negative_energy_remark(state)}")
 
 
 def check_dust_step(state: State, effects: Effects, limits: Limits, dt: float) -> None:
-    """Raise PhysicsError if one-way dust, which may not shorten the step, cannot keep its orbits in a step of dt."""
+    """Raise PhysicsError if a step of dt is too long for the orbits of one-way dust, which must not shorten it."""
     if dt <= limits.dust:
         return
     dust, name, which, remedy = state.dust, limits.dust_by, "a dust particle", ""
@@ -169,7 +180,7 @@ def check_dust_step(state: State, effects: Effects, limits: Limits, dt: float) -
 
 
 def _check_bodies(state: State) -> None:
-    """Raise PhysicsError if a position, velocity or acceleration of star or companions is not finite."""
+    """Raise PhysicsError if a position, velocity or acceleration of the star or a companion is not finite."""
     bodies = state.bodies
     if bodies is None:
         return
@@ -182,8 +193,8 @@ def _check_bodies(state: State) -> None:
             )
 
 
-def _without_heat(state: State) -> str:
-    """Return a remark on the coldest gas if it has lost more heat in a step than it had, else an empty text."""
+def _negative_energy_remark(state: State) -> str:
+    """Return a remark for a message if a gas particle has a negative energy, otherwise an empty text."""
     gas = state.gas
     if gas is None or gas.u is None or not gas.pressure.min() < 0.0:
         return ""
@@ -191,10 +202,10 @@ def _without_heat(state: State) -> str:
     return f"; gas particle {coldest} has a negative energy after one step: try a smaller run.courant"
 
 
-def _check_all(
+def _check_arrays(
     state: State, effects: Effects, arrays: list[tuple[str, np.ndarray, str]], made_here: bool = True
 ) -> None:
-    """Apply `_check_finite` to several arrays; entries of `arrays` are species, values and where these are."""
+    """Raise PhysicsError unless all `arrays` are finite; entries are (species, values, description of the array)."""
     if not _are_finite([values for _, values, _ in arrays]):
         for name, values, where in arrays:
             _check_finite(state, effects, name, values, where, made_here)
@@ -205,7 +216,8 @@ def _check_finite(
 ) -> None:
     """Raise PhysicsError unless all `values` (n, ...) of species `name` are finite.
 
-    made_here: whether an effect has made the values.
+    where: description of the array for the message. made_here: whether effects have computed the values; the message
+    then names the first effect at fault.
     """
     if _are_finite([values]):
         return
@@ -217,11 +229,11 @@ def _check_finite(
         where, rows, made_here = "in its pos", particles.pos, False
     value = ", ".join(f"{entry:g}" for entry in rows[i])
     what = f"{name} particle {particles.ids[i]} is not finite {where} ({value}; step {state.step})"
-    raise PhysicsError(what + (_culprit(state, effects, name, i) if made_here else ""))
+    raise PhysicsError(what + (_remark_on_first_effect(state, effects, name, i) if made_here else ""))
 
 
-def _culprit(state: State, effects: Effects, species: str, i: int) -> str:
-    """Return a remark on the first effect whose acceleration of particle `i` of a species is not finite."""
+def _remark_on_first_effect(state: State, effects: Effects, species: str, i: int) -> str:
+    """Return a remark that names the first effect whose acceleration of particle `i` is not finite."""
     if world.processes.many:
         return ""  # effects make collective calls, and other processes have not found a fault
     for name, effect in effects.items():
@@ -238,7 +250,7 @@ def _culprit(state: State, effects: Effects, species: str, i: int) -> str:
 def _are_finite(arrays: list[np.ndarray]) -> bool:
     """Return whether all entries of arrays (n, ...) are finite.
 
-    All arrays share one loop, as few are long enough for threads to be faster with a loop for each.
+    All arrays are tested in one parallel loop, as most are too short for a loop of their own.
     """
     rows = [(len(array), array.reshape(len(array), -1)) for array in arrays if array.size > 0]
     return all(chain(*parallel_for_ranges(finite.are_finite, rows, light=True)))

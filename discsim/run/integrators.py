@@ -3,10 +3,10 @@
     kdk     kick(dt/2)  operate(dt/2)  drift(dt)  operate(dt/2)  events  forces  kick(dt/2)
     euler   kick(dt)  operate(dt)  drift(dt), with the velocities before the kick  events  forces
 
-A kick turns accelerations into velocities. If an effect owns the kick, as drag does, it is the exact relaxation of
-gas and dust with the accelerations inside. The closing kick of a step and the opening kick of the next have the same
-sources, and the relaxation composes exactly. So kdk makes both as one kick: between steps `state.lag` is the length
-of the kick that velocities still await. `euler` is the papers' first-order scheme.
+A kick changes velocities by the accelerations. With drag it is the exact relaxation of gas and dust, which includes
+the accelerations. The closing kick of a step and the opening kick of the next have the same sources, and the
+relaxation composes exactly. Therefore `kdk` makes both as one kick: between steps the velocities are behind the
+positions by `state.lag`, the length of the closing kick. `euler` is the first-order scheme of the papers.
 """
 
 from typing import TYPE_CHECKING
@@ -18,8 +18,10 @@ if TYPE_CHECKING:
 
 
 def kdk(step: "Operators", dt: float, until: float) -> None:
-    """Advance by dt, from an open closing kick to the next one. A step that reaches `until` but for rounding ends
-    there.
+    """Advance by dt with second-order accuracy (kick, drift, kick).
+
+    The closing kick of the previous step is made first; that of this step is left to the next one. If the end is within
+    rounding of `until`, the time is set to `until`.
     """
     state = step.state
     step.kick(state.lag + 0.5 * dt)
@@ -34,8 +36,9 @@ def kdk(step: "Operators", dt: float, until: float) -> None:
 
 
 def euler(step: "Operators", dt: float, until: float) -> None:
-    """Advance by dt, velocities with forces at the old positions and positions with the old velocities: of first
-    order.
+    """Advance by dt with first-order accuracy.
+
+    Velocities change by the forces at the old positions, and positions by the old velocities. until: as in `kdk`.
     """
     state = step.state
     moving: list[Particles | Bodies] = [*state.species.values(), *([state.bodies] if state.bodies is not None else [])]

@@ -1,4 +1,4 @@
-"""Operators of a step: kick, operations around the move, move, events and forces of all effects."""
+"""Stages of a step: each calls the operators of all effects in one slot (`numerics/operators.py`)."""
 
 from __future__ import annotations
 
@@ -17,53 +17,57 @@ from discsim.run.forces import Limits, PhysicsError, Plan
 
 
 class Operators:
-    """Operators of the effects of a run on its state, with costs by effect and guards behind their results.
+    """Stages of a step on a state, with the cost of each effect and checks of the results.
 
-    limits: step limits by the last forces. shown: whether a caller had access to the arrays since the last kick.
+    limits: time-step limits from the last call of `forces`. arrays_exposed: whether a caller may have changed arrays
+    since the last kick, so that the next kick must check them.
     """
 
     def __init__(self, state: State, effects: dict[str, Effect]) -> None:
         self.state, self.effects, self.plan = state, effects, Plan(effects, state)
         self.costs = Costs(effects)
         self.limits = Limits()
-        self.reversals = guards.Reversals()
-        self.shown = True
+        self.reversals = guards.ReversalGuard()
+        self.arrays_exposed = True
 
     def kick(self, dt: float) -> None:
-        """Advance velocities and energies over dt, by the effect that kicks all species or by the kick of each."""
+        """Advance velocities and energies over dt by the operators of KICK."""
         # Results of forces and kicks are checked where they are made. This check takes 2% of a step.
-        if self.shown:
-            self.take_back()
-        elif self.plan[Slot.AROUND_DRIFT] and guards.coupled(self.state):
+        if self.arrays_exposed:
+            self.check_exposed_arrays()
+        elif self.plan[Slot.AROUND_DRIFT] and guards.particles_interact(self.state):
             self._check(guards.check_inputs)
         self._run(Slot.KICK, dt)
         if self.state.bodies is not None:
             self.state.bodies.kick(dt)
-        self._check(guards.check_kicked)
+        self._check(guards.check_after_kick)
 
-    def take_back(self) -> None:
-        """Check arrays that a caller had access to, and drop results from their earlier values. Raises ValueError."""
+    def check_exposed_arrays(self) -> None:
+        """Check arrays that a caller may have changed, and drop cached results of their earlier values.
+
+        Raises ValueError if an array is wrong.
+        """
         self._check(guards.check_entries)
         world.processes.forget()
         for _, operator in self.plan[Slot.KICK_INPUT]:
             self.state.results.pop(operator.name, None)
-        self.shown = False
+        self.arrays_exposed = False
 
     def close(self) -> None:
-        """Make the closing kick that the velocities await."""
+        """Make the closing kick, after which velocities are at the time of the positions."""
         if self.state.lag > 0.0:
             self.kick(self.state.lag)
             self.state.lag = 0.0
 
     def operate(self, dt: float, backwards: bool = False) -> None:
-        """Run the operators around the drift over dt, one after another, or in the opposite order if `backwards`."""
+        """Run the operators of AROUND_DRIFT over dt, one after another; in the opposite order if `backwards`."""
         for name, operator in self.plan[Slot.AROUND_DRIFT][:: -1 if backwards else 1]:
             with self.costs(name):
                 operator.run(self.state, dt)
 
     def move(self, dt: float) -> None:
         try:
-            self._at_once(Slot.DRIFT, dt)
+            self._run_concurrently(Slot.DRIFT, dt)
         except FloatingPointError as fault:
             raise PhysicsError(str(fault)) from fault
         world.processes.forget_positions()  # operators of MOVE use the new positions, and results of the last kick
@@ -72,11 +76,11 @@ class Operators:
 
     def events(self) -> None:
         if to_sort(self.state.step):
-            self._at_once(Slot.SORT)
+            self._run_concurrently(Slot.SORT)
         self._run(Slot.EVENT)
 
     def _run(self, slot: Slot, *given: float) -> None:
-        """Run the operators of a slot one after another, and keep the results of events for the forces."""
+        """Run the operators of a slot one after another with the arguments `given`; store the results of events."""
         for name, operator in self.plan[slot]:
             try:
                 with self.costs(name):
@@ -86,10 +90,10 @@ class Operators:
             if slot is Slot.EVENT:
                 self.state.results[operator.name] = result
 
-    def _at_once(self, slot: Slot, *given: float) -> None:
-        """Run the operators of a slot, which use an effect's own species alone, on several threads at the same time.
+    def _run_concurrently(self, slot: Slot, *given: float) -> None:
+        """Run the operators of a slot at the same time on several threads; each uses only the species of its effect.
 
-        Several processes run them one after another, as collective calls have to come in one order.
+        With several processes they run one after another, as all must make collective calls in the same order.
         """
 
         def do(name: str, run: Callable[..., Any]) -> None:
@@ -109,5 +113,5 @@ class Operators:
         self._check(self.reversals.check)
 
     def _check(self, guard: Callable[..., None], *more: Any) -> None:
-        """Call a guard, and raise its exception on all processes if it raises on one."""
+        """Call a check of `run/guards.py`; if it raises on one process, raise its exception on all."""
         world.processes.raise_together(lambda: guard(self.state, self.effects, *more))

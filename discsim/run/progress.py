@@ -1,4 +1,4 @@
-"""Progress of a run: a live display on a terminal, plain lines elsewhere; run.log always has the lines."""
+"""Progress of a run: a live display on a terminal, plain lines elsewhere; run.log always contains the lines."""
 
 from __future__ import annotations
 
@@ -23,22 +23,25 @@ FRAME_EVERY = 0.25  # wall-clock seconds between frames of the live display
 
 
 class Progress:
-    """Reporter of a run. Errors go to stderr, everything else to stdout; `quiet` leaves only errors and the log."""
+    """Reporter of a run. Errors go to stderr and all other messages to stdout; both are also written to run.log.
+
+    quiet: whether stdout gets no messages.
+    """
 
     def __init__(self, scene: Scene, quiet: bool) -> None:
         self.scene, self.quiet = scene, quiet
         self.screen = Screen()
         self._log: TextIO | None = None
-        self._early: list[str] = []  # lines from before the log was open
+        self._lines_before_log: list[str] = []  # lines from before the log was open
         self._next_line = self._next_frame = 0.0
         # Wall-clock time, time and step after the first step. Kernels compile in that step, so the speed excludes it.
-        self._since: tuple[float, float, int] | None = None
+        self._speed_start: tuple[float, float, int] | None = None
 
     def open_log(self, path: Path, resume: bool) -> None:
-        """Open the log at `path`, and write earlier lines there first."""
+        """Open the log file, and write the lines that were reported before."""
         refuse_special(path)
         self._log = path.open("a" if resume else "w", encoding="utf-8", errors="backslashreplace")
-        early, self._early = self._early, []
+        early, self._lines_before_log = self._lines_before_log, []
         for line in early:
             self.note(line)
 
@@ -49,7 +52,7 @@ class Progress:
             self.screen.line(printable(text))
 
     def fail(self, *lines: str) -> None:
-        """Print an error, one message of one or more lines, on stderr, and write it to the log."""
+        """Print an error message of one or more lines on stderr, and write it to the log."""
         text = "\n".join(map(printable, lines))
         self.screen.clear()
         with suppress(OSError):  # the terminal may be gone
@@ -59,7 +62,7 @@ class Progress:
                 self.note(text)
 
     def compiling(self, count: int, name: str) -> None:
-        """Report the compilation of a kernel, the `count`-th of the run, if a frame or a line is due."""
+        """Report that a kernel compiles, if a frame or a line is due; `count`: kernels compiled so far in the run."""
         now = time.monotonic()
         if count == 1:
             self.say("compiling kernels for the first time: up to a minute for a scene with drag")
@@ -73,10 +76,10 @@ class Progress:
             self.say(f"compiling kernel {count}: {name}")
 
     def step(self, state: State, dt: float, set_by: str) -> None:
-        """Report a step, if a frame or a line is due."""
+        """Report a step of length dt, if a frame or a line is due; set_by: name of what limits the step."""
         now = time.monotonic()
-        if self._since is None:
-            self._since = (now, state.time, state.step)
+        if self._speed_start is None:
+            self._speed_start = (now, state.time, state.step)
             self._next_line = now + LINE_EVERY
         if now >= self._next_line:
             self._next_line = now + LINE_EVERY
@@ -86,9 +89,9 @@ class Progress:
             self._frame(state, dt, set_by)
 
     def line(self, state: State, dt: float, set_by: str, end: str = "") -> None:
-        """Write a plain line about the present step.
+        """Write a plain line about the present step, followed by the remark `end`, such as "snapshot 0003".
 
-        Under a live display only lines of snapshots appear on the screen; the log has all.
+        With a live display only lines with a remark appear on the screen; the log has all lines.
         """
         facts = [*self._facts(state, dt, set_by).values(), end]
         text = "  ".join(fact for fact in facts if fact)
@@ -105,23 +108,23 @@ class Progress:
             self._log = None
 
     def note(self, text: str) -> None:
-        """Write lines to the log alone."""
+        """Write `text` to the log only."""
         if self._log is None:
-            self._early.append(text)
+            self._lines_before_log.append(text)
         else:
             self._log.write(text + "\n")
             self._log.flush()
 
     def _facts(self, state: State, dt: float, set_by: str) -> dict[str, str]:
-        """Return the texts of a line or frame by name; those without a value are absent or empty."""
+        """Return texts for a line or frame by name, such as "step" and "speed"; unknown ones are absent or empty."""
         show, until = self.scene.units.show_time, self.scene.run.until
         facts = {
             "step": f"step {state.step}",
             "time": f"t = {show(state.time)} of {show(until)}",
             "dt": f"dt = {show(dt)}, set by {set_by}" if dt > 0.0 else "",
         }
-        if self._since is not None:
-            wall, begun, step = self._since
+        if self._speed_start is not None:
+            wall, begun, step = self._speed_start
             elapsed = time.monotonic() - wall
             if state.step > step and elapsed > 0.0 and state.time > begun:
                 left = elapsed * max(until - state.time, 0.0) / (state.time - begun)

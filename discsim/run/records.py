@@ -18,7 +18,7 @@ HISTORY = "rows", "history.csv"
 
 
 class Records:
-    """Tables of a run. After a resume each file starts with its rows up to the checkpoint."""
+    """Tables of a run. In a resumed run each file begins with the rows written before the checkpoint."""
 
     def __init__(self, scene: Scene, directory: Path) -> None:
         self.directory = directory
@@ -30,8 +30,11 @@ class Records:
     def names(self) -> str:
         return ", ".join(file for _, file, _ in self.tables)
 
-    def take_up(self, step: int, values: Values) -> list[str]:
-        """Read the rows up to `step` of a checkpoint with these values, and return remarks on lost rows."""
+    def restore_rows(self, step: int, values: Values) -> list[str]:
+        """Read the rows of all tables up to `step`, and return warnings about lost rows.
+
+        values: single values of the checkpoint, with the number and the digest of the rows of each table.
+        """
         remarks = []
         for name, file, columns in self.tables:
             digest = values.text(f"{name}_digest") if f"{name}_digest" in values else ""  # absent in earlier versions
@@ -55,7 +58,7 @@ class Records:
         history.add(history_row(state, effects, dt, set_by, history.last))
 
     def add_companions(self, state: State, dt: float) -> None:
-        """Add the rows of companions that are due after a step of dt."""
+        """Add the rows of companions.csv that are due after a step of dt."""
         if COMPANIONS[0] in self._files:
             self._files[COMPANIONS[0]].add(*companions.companion_rows(state, dt))
 

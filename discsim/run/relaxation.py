@@ -1,17 +1,18 @@
-"""Relaxation of the gas before t = 0: every ring of particles finds the radius at which its forces are in balance.
+"""Relaxation of the gas before t = 0: every ring of particles moves to the radius at which its forces balance.
 
     dv_r/dt = <a_r> - g(r) + l^2 / r^3 - 2 Omega v_r,    dr/dt = v_r,    d(phi)/dt = l / r^2                     (1)
 
 for `initial.relax` orbits at the reference radius. <a_r> is the mean over a ring of the SPH acceleration by pressure
 and viscosity. g is the mean inward pull of star, companions and self-gravity (`initial/balance.py`). l = r v_phi is
-that of the start and constant. Edges spread until rotation holds them, and errors of the SPH forces are balanced too.
+constant, as at the start. The disc edges spread until they are in balance as well. Balance includes the errors of the
+SPH forces.
 
-Rings stay rings. Particles that each move by themselves in the shear lose the quiet order of the start within a few
-orbits, with damping or without.
+All particles of a ring move together. Particles that moved independently in the shear would lose the low-noise order
+of the start within a few orbits, with or without damping.
 
-Temperatures are those of the start. Dust does not move and has no part, nor have accretion, cooling and conduction.
-Afterwards gas has the rotation of its ring, and the flow that its viscosity, and its drag on dust, give to a disc in
-balance.
+Temperatures at each radius stay as at the start. Dust does not move or act on the gas. Accretion, cooling and
+conduction are left out. Afterwards the gas has the rotation of its ring, and the equilibrium radial and azimuthal flow
+due to viscosity and drag.
 """
 
 from __future__ import annotations
@@ -33,12 +34,14 @@ from discsim.run.forces import PhysicsError
 
 Array = np.ndarray
 DAMPING = 2.0  # damping rate in Omega: critical for epicycles, which neither swing nor creep
-SAME = 1e-9  # largest relative difference of radii within a ring
+SAME_RADIUS = 1e-9  # largest relative difference of radii within a ring
 
 
-class Relaxed(NamedTuple):
-    """Report of a relaxation: its cost, and its forces out of balance before and after, rms over particles, over c_s
-    Omega.
+class RelaxationReport(NamedTuple):
+    """Report of a relaxation.
+
+    orbits: length, at the reference radius. steps, seconds: number of steps and CPU time. before, after: rms over
+    particles of the residual radial acceleration in units of c_s Omega, before and after the relaxation.
     """
 
     orbits: float
@@ -53,8 +56,11 @@ class Relaxed(NamedTuple):
         return f"gas relaxed for {self.orbits:g} orbits before t = 0 ({took}): residual acceleration {change}"
 
 
-def relax(state: State, effects: dict[str, Effect]) -> Relaxed | None:
-    """Let the gas of a start settle if its scene has `initial.relax`. Dust, bodies and the time do not change."""
+def relax(state: State, effects: dict[str, Effect]) -> RelaxationReport | None:
+    """Relax the gas of an initial state, eq. (1), and return a report; None if the scene has no `initial.relax`.
+
+    Dust, bodies and the time do not change.
+    """
     scene, gas = state.scene, state.gas
     orbits = getattr(scene.initial, "relax", 0.0)
     if orbits == 0.0 or gas is None:
@@ -73,11 +79,16 @@ def relax(state: State, effects: dict[str, Effect]) -> Relaxed | None:
     gas.pos[:], gas.vel[:], gas.h[:] = disc.alone.gas.pos, disc.velocities(), disc.alone.gas.h
     if gas.u is not None:
         gas.u[:] = disc.alone.gas.u
-    return Relaxed(orbits, steps, time.process_time() - begun, before, disc.unbalanced())
+    return RelaxationReport(orbits, steps, time.process_time() - begun, before, disc.unbalanced())
 
 
 class _Rings:
-    """Rings of the gas of a start: arrays (rings,), and in `alone` the particles."""
+    """Rings of the gas in an initial state.
+
+    alone: state with the gas particles only. ring (n,): ring of each particle. held (rings,): number of particles.
+    radius, radial, acc (rings,): radius, radial velocity and radial acceleration. turned (rings,): angle by which a
+    ring has rotated since the start. spin (rings,): specific angular momentum l of eq. (1).
+    """
 
     def __init__(self, state: State, effects: dict[str, Effect]) -> None:
         gas = state.gas
@@ -89,7 +100,7 @@ class _Rings:
         self.balance = balance.Balance(state, effects)
         place = np.sqrt((gas.pos**2).sum(axis=1))
         self.angle = np.arctan2(gas.pos[:, 1], gas.pos[:, 0])
-        self.ring = np.concatenate([[0], np.cumsum(np.abs(np.diff(place)) > SAME * place[1:])])
+        self.ring = np.concatenate([[0], np.cumsum(np.abs(np.diff(place)) > SAME_RADIUS * place[1:])])
         self.held = np.bincount(self.ring)
         self.radius = self.mean(place)
         self.radial, self.turned = np.zeros_like(self.radius), np.zeros_like(self.radius)
@@ -136,13 +147,14 @@ class _Rings:
         self.radial *= np.exp(-DAMPING * self.omega * dt)  # eq. (1)
 
     def unbalanced(self) -> float:
-        """Return the rms of forces out of balance, over c_s Omega."""
+        """Return the rms over particles of the residual radial acceleration, in units of c_s Omega."""
         unit = self.mean(self.alone.gas.sound_speed) * self.omega
         return float(np.sqrt(np.average((self.acc / unit) ** 2, weights=self.held)))
 
     def velocities(self) -> Array:
-        """Return velocities (n, 2) of the particles, with the flow by viscosity and dust of the nearest gas of the
-        start.
+        """Return velocities (n, 2) of the particles: the rotation of their rings, and the flow by viscosity and drag.
+
+        The flow is that of the initial disc at the radius of the ring, or at the nearest edge outside the disc.
         """
         disc = profile.radial(self.balance.scene)
         inside = np.clip(self.radius, disc.inner, disc.outer)

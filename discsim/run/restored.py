@@ -1,7 +1,7 @@
-"""Check of a checkpoint against the scene that resumes from it, before the state changes.
+"""Check of the contents of a checkpoint against the scene that is to be resumed, before the state changes.
 
-A file may hold anything, so each array must have the type, shape and range that kernels rely on. Raises EntryError,
-and CheckpointError for a single value.
+A file may be damaged, so each array is checked for the type, shape and range that kernels rely on. Functions raise
+EntryError for a wrong array, and CheckpointError for a wrong single value.
 """
 
 from __future__ import annotations
@@ -24,8 +24,9 @@ from discsim.run.forces import Effects, Limits
 
 Array = np.ndarray
 Groups = Mapping[str, Any]
-LIMITS = (("limit", "limited_by"), ("dust_limit", "dust_limited_by"))  # names of entries of `Limits` in a checkpoint
-GROWING = "growing_limit"
+# Names of the entries of `Limits` in a checkpoint.
+LIMIT_NAMES = (("limit", "limited_by"), ("dust_limit", "dust_limited_by"))
+GROWING_LIMIT = "growing_limit"
 
 
 class Restored(NamedTuple):
@@ -41,13 +42,16 @@ class Restored(NamedTuple):
 
 
 def restored(state: State, effects: Effects, groups: Groups, values: Values) -> Restored:
-    """Check the contents of a checkpoint for a state of its scene, and return them."""
-    particles = {name: _particles(state, name, groups[name]) for name in state.species}
+    """Check the contents of a checkpoint, and return them in the form of a state.
+
+    groups: arrays by group and name. values: single values.
+    """
+    particles = {name: _checked_particles(state, name, groups[name]) for name in state.species}
     time = values.number("time", start_time(state.scene))
     of_state = {
-        "acc_unshared": _acc_unshared(state, effects, groups["own_acc"], particles),
-        "ledger": _ledger(groups["ledger"]),
-        "bodies": None if state.bodies is None else _bodies(state.bodies, groups["bodies"], time),
+        "acc_unshared": _checked_acc_unshared(state, effects, groups["own_acc"], particles),
+        "ledger": _checked_ledger(groups["ledger"]),
+        "bodies": None if state.bodies is None else _checked_bodies(state.bodies, groups["bodies"], time),
         "time": time,
         "step": values.whole("step"),
         "lag": values.number("lag", 0.0),
@@ -55,13 +59,13 @@ def restored(state: State, effects: Effects, groups: Groups, values: Values) -> 
     }
     if state.pace is not None:
         of_state["pace"] = Pace(values.number("pace_since", 0.0), values.number("pace_rate", 0.0, may_be_infinite=True))
-    (step, by), (dust, dust_by) = (_limit(values, effects, *names) for names in LIMITS)
-    limits = Limits(step, by, dust, dust_by, values.number(GROWING, 0.0, may_be_infinite=True))
-    return Restored(particles, of_state, limits, _costs(effects, groups["costs"]))
+    (step, by), (dust, dust_by) = (_checked_limit(values, effects, *names) for names in LIMIT_NAMES)
+    limits = Limits(step, by, dust, dust_by, values.number(GROWING_LIMIT, 0.0, may_be_infinite=True))
+    return Restored(particles, of_state, limits, _checked_costs(effects, groups["costs"]))
 
 
-def _particles(state: State, name: str, held: dict[str, Array]) -> dict[str, Array]:
-    """Return the checked arrays of a species."""
+def _checked_particles(state: State, name: str, held: dict[str, Array]) -> dict[str, Array]:
+    """Check the arrays `held` of a species in a checkpoint, and return them."""
     own = state.species[name].arrays()
     arrays = {key: held[key] for key in own}
     if others := held.keys() - own.keys():
@@ -74,8 +78,13 @@ def _particles(state: State, name: str, held: dict[str, Array]) -> dict[str, Arr
     return arrays
 
 
-def _acc_unshared(state: State, effects: Effects, held: dict[str, Array], particles: Groups) -> dict[str, Array]:
-    """Return the checked accelerations that gas and dust do not share: of all particles of a species, or of none."""
+def _checked_acc_unshared(
+    state: State, effects: Effects, held: dict[str, Array], particles: Groups
+) -> dict[str, Array]:
+    """Check the stored accelerations that act on one species only, and return them.
+
+    There must be one for each particle of a species, or none.
+    """
     wanted = set(particles) if kick_effect(effects) is not None else set()
     if held.keys() != wanted:
         raise EntryError(
@@ -90,7 +99,7 @@ def _acc_unshared(state: State, effects: Effects, held: dict[str, Array], partic
     return dict(held)
 
 
-def _ledger(held: dict[str, Array]) -> Ledger:
+def _checked_ledger(held: dict[str, Array]) -> Ledger:
     empty = {name: np.atleast_1d(value) for name, value in asdict(Ledger()).items()}
     check_like("ledger", {name: held[name] for name in empty}, empty)
     check_finite("ledger", held)
@@ -98,15 +107,18 @@ def _ledger(held: dict[str, Array]) -> Ledger:
     return Ledger(**entries)
 
 
-def _bodies(own: Bodies, held: dict[str, Array], time: float) -> Bodies:
+def _checked_bodies(own: Bodies, held: dict[str, Array], time: float) -> Bodies:
     check_like("bodies", held, own.arrays())
     check_finite("bodies", held)
     check_ranges("bodies", held, time=time)
     return Bodies(**held)
 
 
-def _limit(values: Values, effects: Effects, length: str, by: str) -> tuple[float, str]:
-    """Return the longest step, and the effect that sets it; "" if none does."""
+def _checked_limit(values: Values, effects: Effects, length: str, by: str) -> tuple[float, str]:
+    """Return a time-step limit, and the effect that sets it; "" if none does.
+
+    length, by: names of the two values in the checkpoint.
+    """
     found, name = values.number(length, 0.0, may_be_infinite=True), values.text(by)
     if found == 0.0:
         values.refuse(length, "a number above 0")
@@ -115,7 +127,7 @@ def _limit(values: Values, effects: Effects, length: str, by: str) -> tuple[floa
     return found, name
 
 
-def _costs(effects: Effects, held: dict[str, Array]) -> Costs:
+def _checked_costs(effects: Effects, held: dict[str, Array]) -> Costs:
     costs = Costs(effects)
     like = {"calls": np.array([*costs.calls.values()]), "seconds": np.array([*costs.seconds.values()])}
     check_like("costs", {name: held[name] for name in like}, like)

@@ -25,8 +25,16 @@ from discsim.preview.forecast import learn
 from discsim.preview.warnings import warnings
 from discsim.printable import UserError
 from discsim.run.checkpoints import Checkpoints, later_snapshots
-from discsim.run.compilation import Compilation, of_numba_cache
-from discsim.run.directory import held, only_begun, refuse_directory, remove_copies, scene_there, sweep, with_own_files
+from discsim.run.compilation import Compilation, raised_in_numba_cache
+from discsim.run.directory import (
+    copy_input_files,
+    ended_before_checkpoint,
+    held,
+    read_scene_file,
+    refuse_directory,
+    remove_copies,
+    sweep,
+)
 from discsim.run.interrupts import Interrupts
 from discsim.run.outputs import due_times
 from discsim.run.progress import Progress
@@ -41,9 +49,9 @@ from discsim.userfiles import NO_HANDLES, system_message
 from discsim.version import __version__
 
 DONE, NOT_WRITTEN, WRONG_INPUT, PHYSICS = 0, 1, 2, 3  # exit statuses; interrupted: 128 + the signal
-SMALL = 20_000  # particles below which history.csv has a row for every step
-LONG_RUN = 100  # steps from which on the cost of a run is recorded for forecasts
-ROW_EVERY = 16  # steps between rows of a larger run
+FEW_PARTICLES = 20_000  # particles below which history.csv has a row for every step
+MIN_STEPS_FOR_FORECAST = 100  # steps from which on the cost of a run is recorded for forecasts
+STEPS_PER_ROW = 16  # steps between rows of a larger run
 
 
 def run_scene(scene: Scene, directory: Path, resume: bool = False, quiet: bool = False) -> int:
@@ -52,45 +60,45 @@ def run_scene(scene: Scene, directory: Path, resume: bool = False, quiet: bool =
     0: done, or stopped by run.walltime. 1: a file cannot be written. 2: the run cannot start, or be resumed. 3:
     stopped by the physics. 128 + signal: interrupted. An error is one message on stderr.
     """
-    return ended(Run(scene, Path(directory), quiet), resume)
+    return execute_and_report(Run(scene, Path(directory), quiet), resume)
 
 
-def ended(run: Run, resume: bool) -> int:
-    """Complete a run, and return its exit status as `run_scene`."""
+def execute_and_report(run: Run, resume: bool) -> int:
+    """Execute a run, report its errors, close its files, and return the exit status, as in `run_scene`."""
     directory = run.directory
     fail = run.progress.fail
     with run.interrupts, event.install_listener("numba:compile", run.compilation):
         try:
-            return run.go(resume)
+            return run.execute(resume)
         except PhysicsError as fault:
-            fail(f"stopped by a numerical failure {run.where()}: {fault}", run.way_back())
+            fail(f"stopped by a numerical failure {run.time_and_step()}: {fault}", run.resume_advice())
             return PHYSICS
         except UserError as fault:
             fail(*str(fault).split("\n"))
             return WRONG_INPUT
         except MemoryError as fault:
-            fail(f"out of memory {run.where()}: {fault or 'an array does not fit'}", run.way_back())
+            fail(f"out of memory {run.time_and_step()}: {fault or 'an array does not fit'}", run.resume_advice())
             return PHYSICS
         except OSError as fault:
-            if of_numba_cache(fault) and fault.errno not in NO_HANDLES:
+            if raised_in_numba_cache(fault) and fault.errno not in NO_HANDLES:
                 reason = fault.strerror or str(fault)
                 cure = "Free disk space there, or set NUMBA_CACHE_DIR to another directory"
-                fail(f"{cache.folder()}: compiled kernels cannot be written: {reason}. {cure}. {run.way_back()}")
+                fail(f"{cache.folder()}: compiled kernels cannot be written: {reason}. {cure}. {run.resume_advice()}")
             else:
-                fail(f"{system_message(fault, 'written', directory)}. {run.way_back()}")
+                fail(f"{system_message(fault, 'written', directory)}. {run.resume_advice()}")
             return NOT_WRITTEN
         except cache.CacheError as fault:
             fail(str(fault))
             return NOT_WRITTEN
         except KeyboardInterrupt:
-            fail(f"stopped immediately. {run.way_back()}")
+            fail(f"stopped immediately. {run.resume_advice()}")
             return 128 + run.interrupts.number
         finally:
             run.close()
 
 
 class Run:
-    """Run of a scene: its simulation, and the files of its directory."""
+    """Simulation of a scene together with the files of its run directory."""
 
     sim: Simulation
     records: Records
@@ -100,7 +108,7 @@ class Run:
         self.progress, self.interrupts = Progress(scene, quiet), Interrupts()
         self.compilation = Compilation(self.progress)
         self.checkpoints, self.figure = Checkpoints(directory), directory / "last_state.png"
-        self.begun = self.saved = time.monotonic()
+        self.started_at = self.saved_at = time.monotonic()
         self.saved_time: float | None = None
         self.snapshots = self.steps = 0  # snapshots written; steps made by this process
         self.put_out = start_time(scene)  # time of the last snapshot
@@ -108,47 +116,48 @@ class Run:
         self.held = ExitStack()
         self.copied: list[Path] = []  # copies of the scene's files, made before the run begins
         count = (scene.gas.particles if scene.gas else 0) + sum(p.particles for p in scene.dust or ())
-        self.rows_every = 1 if count < SMALL else ROW_EVERY
+        self.steps_per_row = 1 if count < FEW_PARTICLES else STEPS_PER_ROW
 
-    def go(self, resume: bool) -> int:
+    def execute(self, resume: bool) -> int:
         """Start or resume the run, step to its end, and return the exit status."""
-        locked, resume, reached = self._enter(resume)
+        locked, resume, reached = self._enter_directory(resume)
         times = due_times(self.scene.run, reached, self.put_out)
         if not times:
-            return self._nothing_left(reached)
+            return self._finish_ended_run(reached)
         self._announce(locked)
         self._copy_files()
-        self.sim = self._simulation(resume)
+        self.sim = self._make_simulation(resume)
         if self.sim.relaxed is not None:
             self.progress.say(str(self.sim.relaxed))
         if cache.is_temporary():
             why = "numba's usual folders are not writable; set NUMBA_CACHE_DIR to choose another"
             self.progress.say(f"compiled kernels are kept in {cache.folder()}: {why}")
-        self._open(resume)
+        self._begin_or_resume(resume)
         if not resume:
-            self._output()
-            self._save()
+            self._write_output()
+            self._save_checkpoint()
         for t in times:
             if self._must_stop():
                 break
             self.sim.evolve(t, self._after_step, only_looks=True)
             if self.sim.time >= t:
-                self._output()
-        self._save()  # the closing kick is still open: a longer run continues as if it had not stopped here
-        return self._finish() if self.put_out >= times[-1] else self._stopped()
+                self._write_output()
+        self._save_checkpoint()  # the closing kick is still open: a longer run continues as if it had not stopped here
+        return self._finish() if self.put_out >= times[-1] else self._report_stop()
 
-    def where(self) -> str:
-        """Return the time and step, for messages."""
+    def time_and_step(self) -> str:
+        """Return the present time and step as text for messages."""
         if not hasattr(self, "sim"):
             return "before the first step"
-        return f"at t = {self._show(self.sim.time)}, step {self.sim.state.step}"
+        return f"at t = {self._time_text(self.sim.time)}, step {self.sim.state.step}"
 
-    def way_back(self) -> str:
-        """Return how to resume from the last checkpoint, for messages."""
+    def resume_advice(self) -> str:
+        """Return the sentence on how to resume from the last checkpoint, for messages."""
         if self.saved_time is None:
             return "There is no checkpoint yet."
         command = f"discsim run {self.directory / 'scene.toml'} -o {self.directory} --resume"
-        return f"{self.checkpoints.last} is a checkpoint at t = {self._show(self.saved_time)}; resume with: {command}"
+        saved = f"{self.checkpoints.last} is a checkpoint at t = {self._time_text(self.saved_time)}"
+        return f"{saved}; resume with: {command}"
 
     def close(self) -> None:
         self.progress.close()
@@ -158,45 +167,49 @@ class Run:
         remove_copies(self.copied)
         self.held.close()
 
-    def _show(self, t: float) -> str:
+    def _time_text(self, t: float) -> str:
         return self.scene.units.show_time(t)
 
     # Starting
 
-    def _enter(self, resume: bool) -> tuple[bool, bool, float]:
-        """Lock the directory; return whether it is locked, whether there is a run to resume, and the time of that
-        run.
+    def _enter_directory(self, resume: bool) -> tuple[bool, bool, float]:
+        """Lock the directory, and read the checkpoint if the run is to be resumed.
+
+        Return whether the directory is locked, whether there is a checkpoint to resume from, and the start time: that
+        of the checkpoint or of the scene.
         """
         locked = self.held.enter_context(held(self.directory))
         refuse_directory(self.directory, resume)
-        resume = resume and self._can_go_on()
+        resume = resume and self._has_checkpoint()
         return locked, resume, self._time_to_resume() if resume else self.put_out
 
-    def _nothing_left(self, reached: float) -> int:
-        """Tidy up after a run that was at its end already, and return the exit status."""
+    def _finish_ended_run(self, reached: float) -> int:
+        """Tidy the directory of a run that had already ended, draw a missing figure, and return the exit status."""
         sweep(self.directory)
-        if not self.figure.exists() and self._snapshot(self.snapshots - 1).exists():
-            self._draw()  # the run was killed before it drew the figure
-        self.progress.say(f"{self.directory}: already finished, at t = {self._show(reached)}")
+        if not self.figure.exists() and self._snapshot_path(self.snapshots - 1).exists():
+            self._draw_figure()  # the run was killed before it drew the figure
+        self.progress.say(f"{self.directory}: already finished, at t = {self._time_text(reached)}")
         return DONE
 
     def _copy_files(self) -> None:
-        self.scene = with_own_files(self.scene, self.directory, self.copied)
+        self.scene = copy_input_files(self.scene, self.directory, self.copied)
 
-    def _can_go_on(self) -> bool:
-        """Return whether the directory has a checkpoint.
+    def _has_checkpoint(self) -> bool:
+        """Return whether the directory has a checkpoint to resume from.
 
-        Without one the scene must be that of the run there, which then starts again.
+        Without a checkpoint the run restarts from the beginning. Its scene must then agree with scene.toml in the
+        directory; otherwise raises SceneError.
         """
-        if not only_begun(self.directory):
+        if not ended_before_checkpoint(self.directory):
             return True
-        refuse_another(self.directory / "scene.toml", scene_there(self.directory), self.scene)
+        refuse_another(self.directory / "scene.toml", read_scene_file(self.directory), self.scene)
         self.progress.say(f"{self.directory}: no checkpoint was written yet; the run restarts from the beginning")
         return False
 
     def _time_to_resume(self) -> float:
-        """Return the time of the checkpoint, and read the number and the last time of its snapshots.
+        """Return the time of the newest readable checkpoint.
 
+        Also set `snapshots` and `put_out`: the number of snapshots before the checkpoint, and the time of the last one.
         Raises SceneError if the checkpoint is of another scene.
         """
         groups, values = self.checkpoints.newest()
@@ -205,15 +218,15 @@ class Run:
         self.snapshots, self.put_out = values.whole("snapshots", 1, MOST_SNAPSHOTS), values.number("put_out")
         if self.put_out > reached:
             values.refuse("put_out", f"at most the checkpoint's time, {reached:g}")
-        self.checkpoints.refuse_to_lose(self.directory / "snapshots", self.snapshots, self.put_out)
+        self.checkpoints.refuse_lost_snapshots(self.directory / "snapshots", self.snapshots, self.put_out)
         if self.checkpoints.fault:
-            goes_on = f"the run resumes from {self.checkpoints.chosen}, at t = {self._show(reached)}"
+            goes_on = f"the run resumes from {self.checkpoints.chosen}, at t = {self._time_text(reached)}"
             self.progress.say(f"warning: {self.checkpoints.fault}; {goes_on}")
         if remark := other_version(values):
             self.progress.say(f"warning: {remark}")
         return reached
 
-    def _simulation(self, to_restore: bool) -> Simulation:
+    def _make_simulation(self, to_restore: bool) -> Simulation:
         return Simulation(self.scene, to_restore=to_restore)
 
     def _announce(self, locked: bool) -> None:
@@ -229,26 +242,26 @@ class Run:
             say(f"warning: {self.directory} cannot be locked: do not start a second run in it, as files would mix")
         say("loading kernels")
 
-    def _open(self, resume: bool) -> None:
-        """Open the directory's files, and restore the state if the run is resumed."""
+    def _begin_or_resume(self, resume: bool) -> None:
+        """Open the files of the directory, restore the state if the run is resumed, and compute the first forces."""
         sim = self.sim
-        self.records = self._tables()
-        remarks = self._take_up() if resume else []
+        self.records = self._make_records()
+        remarks = self._restore_checkpoint() if resume else []
         self._open_files(resume)
         self.costs_before = self.costs_after_first = sim.costs.copy()
         with sim.closed():  # computes the first forces, which set the first step
-            self.time, self.next_set_by = sim.time, self._limiter()
+            self.time, self.next_set_by = sim.time, self._name_of_limiter()
         self.set_by = self.set_by or self.next_set_by
         if resume:
-            self.progress.say(f"resumed {self.where()}")
+            self.progress.say(f"resumed {self.time_and_step()}")
             for line in remarks:
                 self.progress.say(f"warning: {line}")
 
-    def _tables(self) -> Records:
+    def _make_records(self) -> Records:
         return Records(self.scene, self.directory)
 
     def _open_files(self, resume: bool) -> None:
-        """Remove what the run would make again, and open the files that it appends to."""
+        """Remove files that the run will write again, such as later snapshots, and open the log and the tables."""
         folder = self.directory / "snapshots"
         sweep(self.directory)
         self.checkpoints.settle()
@@ -263,20 +276,20 @@ class Run:
         self.progress.open_log(self.directory / "run.log", resume)
         self.records.open()
 
-    def _take_up(self) -> list[str]:
-        """Restore the state of the checkpoint and the rows up to it, and return remarks on lost rows.
+    def _restore_checkpoint(self) -> list[str]:
+        """Restore the state from the checkpoint, and read the table rows written before the checkpoint.
 
-        Writes no file.
+        Return warnings about lost rows. Writes no file.
         """
         with python_warnings.catch_warnings():
             python_warnings.simplefilter("ignore", OtherVersionWarning)  # reported before
             values = self._restore(self.checkpoints.chosen)
         self.saved_time = self.sim.time
         self.dt, self.set_by = values.number("dt", 0.0), values.text("set_by")
-        return self._take_up_rows(values)
+        return self._restore_rows(values)
 
-    def _take_up_rows(self, values: Values) -> list[str]:
-        return self.records.take_up(self.sim.state.step, values)
+    def _restore_rows(self, values: Values) -> list[str]:
+        return self.records.restore_rows(self.sim.state.step, values)
 
     def _restore(self, path: Path) -> Values:
         return self.sim.restore(path)
@@ -287,32 +300,32 @@ class Run:
         """Write the rows, progress and checkpoints that are due, and return whether the run must stop."""
         state = self.sim.state
         self.dt, self.time, self.set_by = state.time - self.time, state.time, self.next_set_by
-        self.next_set_by = self._limiter()
-        self._forget_compilation()
+        self.next_set_by = self._name_of_limiter()
+        self._exclude_compilation_cost()
         self.records.add_companions(state, self.dt)
-        if state.step % self.rows_every == 0:
+        if state.step % self.steps_per_row == 0:
             with self.sim.closed():
                 self._add_row()
         self.progress.step(state, self.dt, self.set_by)
-        if self._must_save():
-            self._save()
+        if self._checkpoint_is_due():
+            self._save_checkpoint()
         return self._must_stop()
 
-    def _limiter(self) -> str:
-        """Return what sets the next step, which may be shorter to land on an output."""
+    def _name_of_limiter(self) -> str:
+        """Return the name of the effect or key that limits the next step, apart from landing on an output time."""
         return self.sim.limited_by if self.scene.run.timestep is None else "run.timestep"
 
-    def _must_save(self) -> bool:
-        return time.monotonic() - self.saved >= self.scene.run.checkpoint_every
+    def _checkpoint_is_due(self) -> bool:
+        return time.monotonic() - self.saved_at >= self.scene.run.checkpoint_every
 
     def _must_stop(self) -> bool:
-        """Return whether a signal or run.walltime ends the run."""
+        """Return whether the run must stop because of a signal or of run.walltime."""
         walltime = self.scene.run.walltime
-        late = walltime is not None and time.monotonic() - self.begun >= walltime
+        late = walltime is not None and time.monotonic() - self.started_at >= walltime
         return late or self.interrupts.number > 0
 
-    def _forget_compilation(self) -> None:
-        """Remove the first step, in which kernels compiled, from the costs once the second is made."""
+    def _exclude_compilation_cost(self) -> None:
+        """Subtract the cost of the first step, in which kernels compile, after the second step."""
         self.steps += 1
         if self.steps == 1:
             self.costs_after_first, self.cpu_after_first = self.sim.costs.copy(), time.process_time()
@@ -321,14 +334,14 @@ class Run:
 
     # Writing
 
-    def _output(self) -> None:
-        """Write the next snapshot, with its row and the costs so far."""
+    def _write_output(self) -> None:
+        """Write the next snapshot, a row of history.csv and costs.csv."""
         sim = self.sim
         open_step = open_step_of(sim.state, kick_effect(sim.effects) is not None)
         with sim.closed() as state:
             extra = columns(state, sim.effects.values())
             gas = with_present_pressure(state)
-            path = self._snapshot(self.snapshots)
+            path = self._snapshot_path(self.snapshots)
             write_snapshot(path, self.scene, state.time, gas, state.dust, extra, state.bodies, open_step)
             self._add_row()
             if state.step == 0:
@@ -338,19 +351,22 @@ class Run:
         self.progress.line(sim.state, self.dt, self.set_by, f"snapshot {self.snapshots:04d}")
         self.snapshots += 1
 
-    def _snapshot(self, number: int) -> Path:
+    def _snapshot_path(self, number: int) -> Path:
         return self.directory / "snapshots" / f"{number:04d}.h5"
 
     def _add_row(self) -> None:
         self.records.add_history(self.sim.state, self.sim.effects, self.dt, self.set_by)
 
-    def _save(self) -> None:
+    def _save_checkpoint(self) -> None:
         self._write_checkpoint(hdf5.create)
         tidy(self.directory)
-        self.saved, self.saved_time = time.monotonic(), self.sim.time
+        self.saved_at, self.saved_time = time.monotonic(), self.sim.time
 
     def _write_checkpoint(self, into: Any) -> None:
-        """Write a checkpoint of the present state, and keep the one before it."""
+        """Write a checkpoint of the present state, and keep the previous checkpoint.
+
+        into: creates the file, as `hdf5.create`.
+        """
         self.records.sync()
         notes: dict[str, Scalar] = {"snapshots": self.snapshots, "put_out": self.put_out, **self.records.counts}
         sim, costs = self.sim, self.sim.costs
@@ -365,38 +381,40 @@ class Run:
 
     # Ending
 
-    def _stopped(self) -> int:
+    def _report_stop(self) -> int:
         number = self.interrupts.number
         if number:
             name = signal.Signals(number).name
-            self.progress.fail(f"interrupted by {name} {self.where()}. {self.way_back()}")
+            self.progress.fail(f"interrupted by {name} {self.time_and_step()}. {self.resume_advice()}")
             return 128 + number
-        self.progress.say(f"stopped by run.walltime {self.where()}. {self.way_back()}")
+        self.progress.say(f"stopped by run.walltime {self.time_and_step()}. {self.resume_advice()}")
         return DONE
 
     def _finish(self) -> int:
-        cost = self._cost()
-        self._draw()
+        cost = self._cost_text()
+        self._draw_figure()
         say = self.progress.say
-        say(f"done {self.where()}, after {clock(time.monotonic() - self.begun)}")
+        say(f"done {self.time_and_step()}, after {clock(time.monotonic() - self.started_at)}")
         say(f"output  {self.directory}: {self.snapshots} snapshots, {self.records.names}, costs.csv, run.log")
         say(f"figure  {self.figure}")
         say(f"cost    {cost}")
-        if self.steps >= LONG_RUN:
-            cpu, wall = time.process_time() - self.cpu_after_first, time.monotonic() - self.begun
+        if self.steps >= MIN_STEPS_FOR_FORECAST:
+            cpu, wall = time.process_time() - self.cpu_after_first, time.monotonic() - self.started_at
             learn(self.scene, self.steps - 1, cpu, wall)
         return DONE
 
-    def _draw(self) -> None:
+    def _draw_figure(self) -> None:
         """Draw the figure of the last snapshot; the file appears only when it is complete."""
         from discsim.output.figure import last_state_figure  # slow to import, and needed only here
 
         with replace_atomically(self.figure, ".png") as temporary:
-            last_state_figure(self._snapshot(self.snapshots - 1), temporary)
+            last_state_figure(self._snapshot_path(self.snapshots - 1), temporary)
 
-    def _cost(self) -> str:
-        """Return the shares of the effects and of everything else in the CPU time since the first step; they sum to
-        1.
+    def _cost_text(self) -> str:
+        """Return the text of the shares of CPU time: of each effect, and of all work outside the effects.
+
+        The first step is excluded, as kernels compile in it. After fewer than two steps, shares are of the CPU time of
+        the effects alone.
         """
         costs, words = self.sim.costs, "of all CPU time"
         if self.steps < 2:  # kernels compile in the first step, and a run that was at its end makes no step

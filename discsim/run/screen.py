@@ -1,7 +1,7 @@
-"""Output on a screen: lines, and on a terminal a frame below them that is redrawn.
+"""Output on a screen: lines of text and, on a terminal, a frame of several lines below them that is redrawn.
 
-After each frame the cursor waits at the first character of the frame. Terminals keep it there when they are resized,
-whether they wrap long lines again or cut them. Erasing to the end of the screen therefore removes the whole frame.
+After each frame the cursor stays at the first character of the frame, also when the terminal is resized and wraps or
+cuts long lines. Erasing from the cursor to the end of the screen therefore removes the whole frame.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ HIDE, SHOW = "\x1b[?25l", "\x1b[?25h"  # the cursor
 
 
 class Screen:
-    """Standard output. A run continues without it once it cannot be written, like a closed pipe or terminal."""
+    """Standard output of a run. If writing fails, as after the terminal is closed, the run continues without it."""
 
     def __init__(self) -> None:
         self.out: TextIO | None = sys.stdout
@@ -32,12 +32,12 @@ class Screen:
         self._shown = False  # whether a frame is on the screen
 
     def line(self, text: str) -> None:
-        """Write a line that stays, above the frame."""
+        """Write a permanent line above the frame."""
         self.clear()
         self._write(text + "\n")
 
     def frame(self, content: RenderableType) -> None:
-        """Draw a frame in place of the last one; lines that do not fit are cut."""
+        """Draw a frame that replaces the previous one; lines that do not fit are cut."""
         width, height = self.console.size
         with self.console.capture() as drawn:
             self.console.print(content, width=max(width - 1, 1), height=None, overflow="crop", no_wrap=True)

@@ -1,4 +1,4 @@
-"""Arrays of snapshots besides those of a state."""
+"""Arrays of snapshots that are not arrays of the state."""
 
 from __future__ import annotations
 
@@ -15,7 +15,10 @@ Array = np.ndarray
 
 
 def columns(state: State, effects: Iterable[Effect]) -> dict[str, dict[str, Array | Column]]:
-    """Return the arrays that effects add to a snapshot of a synchronised state, by species and name."""
+    """Return the arrays that effects add to a snapshot, by species and name.
+
+    state: state with velocities at the time of the positions.
+    """
     extra: dict[str, dict[str, Array | Column]] = {}
     for effect in effects:
         for species, arrays in effect.columns(state).items():
@@ -24,7 +27,7 @@ def columns(state: State, effects: Iterable[Effect]) -> dict[str, dict[str, Arra
 
 
 def with_present_pressure(state: State) -> Gas | None:
-    """Return the gas with the pressure of its present energy; forces used a predicted energy."""
+    """Return the gas with pressure and sound speed from its present energy; forces used a predicted energy."""
     gas = state.gas
     if gas is None or gas.u is None:
         return gas

@@ -1,7 +1,8 @@
 """Simulation of a scene, for users of discsim from Python and for `run/runner.py`.
 
-`run/integrators.py` composes a step of the operators in `run/operators.py`. When a caller reads the state
-(`synchronised`), the closing kick is made and undone again, so that reading never changes a bit of the run.
+`run/integrators.py` composes a step of the operators in `run/operators.py`. While a caller reads the state
+(`synchronised`), velocities have the closing kick; afterwards the kick is undone exactly, so that reading does not
+change the run.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ from discsim.run import guards
 from discsim.run.costs import Costs
 from discsim.run.forces import PhysicsError, acceleration_of
 from discsim.run.operators import Operators
-from discsim.run.restored import GROWING, LIMITS, restored
+from discsim.run.restored import GROWING_LIMIT, LIMIT_NAMES, restored
 from discsim.run.start import Begun, begin
 from discsim.run.timestep import next_step
 from discsim.run.watch import Watch
@@ -65,9 +66,9 @@ class Simulation(Summarised):
         adiabatic gas `u` (n,), for several populations of dust `species` (n,), for grains of many sizes `size` (n,).
         Values are Quantities or in code units, and are copied.
     to_restore : bool, optional
-        Whether `restore` will replace the state, so that the gas need not settle before t = 0.
+        Whether `restore` will replace the state, so that the gas need not be relaxed before t = 0.
     begun : Begun, optional
-        Start of the scene, if it is already made.
+        Initial state and effects of the scene, if they are already made.
 
     Raises
     ------
@@ -100,7 +101,7 @@ class Simulation(Summarised):
         self.state, effects, self.relaxed = begun or begin(scene, given, to_restore)
         self.operators = Operators(self.state, effects)
         self._integrate = found_at(INTEGRATORS[scene.run.integrator])
-        self._fresh = self._in_midst = False
+        self._has_forces = self._step_is_half_made = False
         self._open: State | None = None  # the state before its closing kick, while a callback reads it
 
     def __reduce_ex__(self, protocol: Any) -> NoReturn:
@@ -110,12 +111,12 @@ class Simulation(Summarised):
 
     @property
     def time(self) -> float:
-        """Time of the positions, in code units."""
+        """Time of the present positions, in code units."""
         return self.state.time
 
     @property
     def effects(self) -> dict[str, Effect]:
-        """Effects that run, by the names of their tables."""
+        """Active effects, by the names of their tables."""
         return self.operators.effects
 
     @property
@@ -190,7 +191,7 @@ class Simulation(Summarised):
         if dt == math.inf:
             raise ValueError("no effect limits the step after run.until; expected step(most=...), in code units")
         self._check_dust_step(dt)
-        with self._whole():
+        with self._uninterrupted():
             self._advance(dt)
             self.operators.close()
         return dt
@@ -212,7 +213,7 @@ class Simulation(Summarised):
         progress : bool, optional
             Whether to show the progress, as the command does.
         every : float or Quantity, optional
-            Interval of calls of `callback`. The run lands on multiples of it.
+            Time between calls of `callback`. Steps end exactly at multiples of `every`.
         callback : callable, optional
             `callback(sim)` is called after each step or, with `every`, at multiples of `every` and at the end. It
             sees read-only views with velocities at the time of positions, as in `synchronised`, and has no effect on
@@ -230,33 +231,33 @@ class Simulation(Summarised):
 
         Notes
         -----
-        Ctrl-C ends the run after the present step. Another `run` then continues with the same bits as without the
-        interruption. Until then velocities await the closing kick of that step; `synchronised` shows them with it.
+        Ctrl-C ends the run after the present step. Another `run` then continues bit for bit as if there had been no
+        interruption. Until then the velocities lack the closing kick of the last step; in `synchronised` they have it.
         """
-        end = self.scene.run.until if until is None else self._in_code(until)
-        watch = Watch(self, end, progress, None if every is None else self._in_code(every), callback)
+        end = self.scene.run.until if until is None else self._time_in_code_units(until)
+        watch = Watch(self, end, progress, None if every is None else self._time_in_code_units(every), callback)
         with watch:
             for time in watch.times:
                 try:
                     if not self.evolve(time, watch.after_step, only_looks=True):  # callbacks get read-only views
                         break
                 except KeyboardInterrupt:
-                    if not self._in_midst:
+                    if not self._step_is_half_made:
                         watch.after_step()  # for the step whose end the interrupt has waited for
                     raise
-        with self._whole():
+        with self._uninterrupted():
             self.operators.close()
 
-    def _in_code(self, time: Any) -> float:
+    def _time_in_code_units(self, time: Any) -> float:
         return float(self.units.in_code(time, "time") if hasattr(time, "unit") else time)
 
     def summary(self) -> tuple[str, Rows]:
-        """Return the title of the scene, and names and values of its main facts."""
+        """Return the title of the scene, and rows (name, value) with the time, the step and facts of the scene."""
         now = self.units.show_time(self.time)
         return self.scene.title or "A simulation", [("time", now), ("step", self.state.step), *self.scene.facts]
 
     def evolve(self, until: float, after_step: Callable[[], bool] | None = None, only_looks: bool = False) -> bool:
-        """Step to the time `until`, and leave the closing kick open.
+        """Step to the time `until`; the closing kick of the last step is left to the next call.
 
         Parameters
         ----------
@@ -265,7 +266,7 @@ class Simulation(Summarised):
         after_step : callable, optional
             `after_step()` is called after each step. If it returns True, the run ends early.
         only_looks : bool, optional
-            Whether `after_step` changes nothing, so that arrays need no check before the next step.
+            Whether `after_step` only reads the state, so that arrays need no check before the next step.
 
         Returns
         -------
@@ -285,29 +286,29 @@ class Simulation(Summarised):
         while self.state.time < until:
             dt = self._next_step(until)
             self._check_dust_step(dt)
-            with self._whole():
+            with self._uninterrupted():
                 self._advance(dt, until)
             if after_step is None:
                 continue
             if after_step():
                 return False
             if not only_looks:
-                self.operators.take_back()
+                self.operators.check_exposed_arrays()
         return True
 
     @contextmanager
     def synchronised(self) -> Iterator[State]:
-        """Yield the state with its closing kick made, in read-only views, without an effect on the run.
+        """Yield read-only views of the state with velocities at the time of the positions; the run is unaffected.
 
         Yields
         ------
         State
-            State whose velocities are at the time of positions.
+            State after the closing kick of the last step.
 
         Notes
         -----
-        Within the context `sim.gas`, `sim.dust` and `sim.state` are these views. An attribute that is set on them is
-        lost at the end. `step`, `run`, `evolve` and `restore` raise RuntimeError; `save` writes the state of the run.
+        Within the context `sim.gas`, `sim.dust` and `sim.state` are these views. Attributes set on the views are lost
+        at the end. `step`, `run`, `evolve` and `restore` raise RuntimeError; `save` writes the state of the run.
         """
         if self._open is not None:
             yield self.state
@@ -321,7 +322,7 @@ class Simulation(Summarised):
 
     @contextmanager
     def closed(self) -> Iterator[State]:
-        """Yield the state with its closing kick made, for outputs that only read it; the run is unaffected."""
+        """Yield the state after its closing kick, for outputs that only read it; the kick is undone at the end."""
         self._prepare()
         state = self._open = self.state
         try:
@@ -329,7 +330,8 @@ class Simulation(Summarised):
                 yield state
                 return
             saved = {
-                name: {k: v.copy() for k, v in p.arrays().items() if k in MOVED} for name, p in state.species.items()
+                name: {k: v.copy() for k, v in p.arrays().items() if k in KICKED_ARRAYS}
+                for name, p in state.species.items()
             }
             kept: dict[str, Any] = {name: replace(p, **saved[name]) for name, p in state.species.items()}
             bodies = None if state.bodies is None else state.bodies.copy()
@@ -342,7 +344,7 @@ class Simulation(Summarised):
             yield state
         finally:
             if self._open is not state:
-                self.operators.shown = True
+                self.operators.arrays_exposed = True
                 state.lag, state.bodies = self._open.lag, self._open.bodies
                 for name, arrays in saved.items():
                     for key, array in arrays.items():
@@ -350,7 +352,7 @@ class Simulation(Summarised):
             self._open = None
 
     def acceleration(self, effect: str) -> tuple[np.ndarray | None, np.ndarray | None]:
-        """Return the present accelerations by one effect.
+        """Return the accelerations that one effect causes at present.
 
         Parameters
         ----------
@@ -389,7 +391,7 @@ class Simulation(Summarised):
         notes : mapping of str to scalar, optional
             Further values for the checkpoint.
         before : str or Path, optional
-            File that keeps an earlier checkpoint at `path`. Without it that checkpoint is replaced.
+            New name of an earlier checkpoint at `path`. None: that checkpoint is overwritten.
 
         Raises
         ------
@@ -404,11 +406,11 @@ class Simulation(Summarised):
         write_checkpoint(path, groups, {**values, **(notes or {})}, None if before is None else Path(before))
 
     def contents(self) -> tuple[dict[str, dict[str, np.ndarray]], dict[str, Scalar]]:
-        """Return arrays by group and single values of a checkpoint of the present state.
+        """Return the contents of a checkpoint of the present state: arrays by group and name, and single values.
 
-        Raises PhysicsError as `save`.
+        Raises PhysicsError if the state is not finite, and RuntimeError after an interrupted step.
         """
-        if self._open is None and not self._fresh:
+        if self._open is None and not self._has_forces:
             self._prepare()
         self._refuse_half_made()
         state = self._open or self.state
@@ -422,7 +424,7 @@ class Simulation(Summarised):
         groups["costs"] = {"calls": np.array([*self.costs.calls.values()])}
         groups["costs"]["seconds"] = np.array([*self.costs.seconds.values()])
         values: dict[str, Scalar] = {"time": state.time, "step": state.step, "lag": state.lag}
-        values |= dict(zip(chain(*LIMITS, [GROWING]), self.operators.limits, strict=True))
+        values |= dict(zip(chain(*LIMIT_NAMES, [GROWING_LIMIT]), self.operators.limits, strict=True))
         if state.pace is not None:
             values |= {f"pace_{name}": value for name, value in state.pace._asdict().items()}
         return groups, values
@@ -460,7 +462,7 @@ class Simulation(Summarised):
         -----
         After an exception the simulation is unchanged.
         """
-        self._refuse_within()
+        self._refuse_while_read()
         groups, values = read_checkpoint(path, share)
         refuse_another(path, groups["scene"]["text"].tobytes(), self.scene)
         try:
@@ -479,19 +481,17 @@ class Simulation(Summarised):
         self.costs, self.operators.limits = found.costs, found.limits
         self.state.results.clear()
         self.operators.reversals.forget()
-        self._fresh, self._in_midst = True, False  # the arrays contain the forces
+        self._has_forces, self._step_is_half_made = True, False  # the arrays contain the forces
         return values
 
     # The step
 
     @contextmanager
-    def _whole(self) -> Iterator[None]:
-        """Protect a step from interruption: the first Ctrl-C waits for the end of the step.
+    def _uninterrupted(self) -> Iterator[None]:
+        """Complete the step within the context before the first Ctrl-C raises KeyboardInterrupt.
 
-        A handler of the caller's own stays in force.
-
-        A second Ctrl-C raises KeyboardInterrupt at once, or after other threads have ended their loops. The state is
-        then between two times, and nothing can continue from it.
+        A second Ctrl-C raises KeyboardInterrupt at once, or after other threads have ended their loops. The step is
+        then half made, and the state cannot be used. If the caller has set a handler of SIGINT, it stays in force.
         """
         set_threads(self.scene.run.threads)
         noted: list[int] = []
@@ -506,9 +506,9 @@ class Simulation(Summarised):
         if ours:
             signal.signal(signal.SIGINT, note)
         try:
-            self._in_midst = True
+            self._step_is_half_made = True
             yield
-            self._in_midst = False
+            self._step_is_half_made = False
         finally:
             if ours:
                 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -516,23 +516,26 @@ class Simulation(Summarised):
             raise KeyboardInterrupt
 
     def _prepare(self) -> None:
-        """Refuse a state that cannot advance, check arrays that a caller may have set, and compute the first forces."""
-        set_threads(self.scene.run.threads)
-        self._refuse_within()
-        self._refuse_half_made()
-        self.operators.take_back()
-        if not self._fresh:
-            with self._whole():
-                self.operators.forces()
-                self._fresh = True
+        """Check the state before a step, and compute the first forces.
 
-    def _refuse_within(self) -> None:
+        Raises RuntimeError if the state is being read or a step is half made, and ValueError if an array is wrong.
+        """
+        set_threads(self.scene.run.threads)
+        self._refuse_while_read()
+        self._refuse_half_made()
+        self.operators.check_exposed_arrays()
+        if not self._has_forces:
+            with self._uninterrupted():
+                self.operators.forces()
+                self._has_forces = True
+
+    def _refuse_while_read(self) -> None:
         if self._open is not None:
             wrong = "the state is being read, in a callback or in synchronised()"
             raise RuntimeError(f"{wrong}; expected this call afterwards, or on another Simulation")
 
     def _refuse_half_made(self) -> None:
-        if self._in_midst:
+        if self._step_is_half_made:
             raise RuntimeError("the last step was interrupted; expected a new Simulation, or restore() of a checkpoint")
 
     def _next_step(self, until: float) -> float:
@@ -542,8 +545,8 @@ class Simulation(Summarised):
         guards.check_dust_step(self.state, self.effects, self.operators.limits, dt)
 
     def _advance(self, dt: float, until: float = math.inf) -> None:
-        """Advance by dt, from an open closing kick to the next one."""
+        """Advance by dt, including the closing kick of the last step but not that of this step."""
         self._integrate(self.operators, dt, until)
 
 
-MOVED = ("vel", "u", "kick_acc", "kick_rate", "radiated")  # what a kick changes
+KICKED_ARRAYS = ("vel", "u", "kick_acc", "kick_rate", "radiated")  # what a kick changes

@@ -1,4 +1,4 @@
-"""Start of a simulation: its state before the first step, and its effects."""
+"""Start of a simulation: the state before the first step, and the effects."""
 
 from __future__ import annotations
 
@@ -11,25 +11,26 @@ from discsim.effects.base import Effect
 from discsim.initial import make_particles, make_state, start_of
 from discsim.initial.frame import enter_frame, make_bodies
 from discsim.numerics.state import State
-from discsim.run.relaxation import Relaxed, relax
+from discsim.run.relaxation import RelaxationReport, relax
 from discsim.scene import Scene, SceneError
 
 Given = dict[str, dict[str, Any]]
-OVERFLOWS: Any = {"over": "raise", "divide": "raise", "invalid": "raise"}  # numpy's error handling in a start
+RAISE_ON_OVERFLOW: Any = {"over": "raise", "divide": "raise", "invalid": "raise"}  # numpy's error handling in a start
 
 
 class Begun(NamedTuple):
-    """State before its first step, effects by name, and the report of its relaxation."""
+    """Start of a simulation: state before the first step, effects by name, and a report if the gas was relaxed."""
 
     state: State
     effects: dict[str, Effect]
-    relaxed: Relaxed | None = None
+    relaxed: RelaxationReport | None = None
 
 
 def begin(scene: Scene, particles: Given | None = None, to_restore: bool = False) -> Begun:
-    """Return the start of a scene, or of own particles. Raises SceneError.
+    """Return the state of a scene before the first step, and its effects. Raises SceneError.
 
-    to_restore: whether a checkpoint will replace the state, so that the gas need not settle.
+    particles: the user's own arrays by species and name; None: particles are made as in [initial]. to_restore: whether
+    a checkpoint will replace the state, so that the gas need not be relaxed.
     """
     try:
         return _begin(scene, particles, to_restore)
@@ -41,12 +42,12 @@ def begin(scene: Scene, particles: Given | None = None, to_restore: bool = False
 
 def _begin(scene: Scene, particles: Given | None, to_restore: bool) -> Begun:
     own = particles is not None
-    state = make_state(scene, _made(scene) if particles is None else particles)
+    state = make_state(scene, _make_particles(scene) if particles is None else particles)
     state.bodies = make_bodies(scene, with_start=not own)
     effects = load_effects(scene, state)
     settle = None if own else start_of(scene).settle
     if settle is not None:
-        with np.errstate(**OVERFLOWS):
+        with np.errstate(**RAISE_ON_OVERFLOW):
             settle(state, effects)
     for effect in effects.values():
         effect.begin(state, effects)
@@ -58,6 +59,6 @@ def _begin(scene: Scene, particles: Given | None, to_restore: bool) -> Begun:
     return Begun(state, effects, relaxed)
 
 
-def _made(scene: Scene) -> Given:
-    with np.errstate(**OVERFLOWS):
+def _make_particles(scene: Scene) -> Given:
+    with np.errstate(**RAISE_ON_OVERFLOW):
         return make_particles(scene)

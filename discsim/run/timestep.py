@@ -1,4 +1,4 @@
-"""Length of the next step: a share of the limit or the fixed step, cut so as to land on a given time."""
+"""Length of the next step: a fraction of the limit or a fixed step, shortened to end at a given time."""
 
 from __future__ import annotations
 
@@ -8,22 +8,24 @@ from discsim.initial import start_of
 from discsim.numerics.state import State
 from discsim.run.forces import Limits, PhysicsError
 
-GROWN = 8.0  # powers of ten by which rounding errors, of 1e-16, may grow
+MAX_ERROR_GROWTH = 8.0  # powers of ten by which rounding errors, of 1e-16, may grow
 
 
 def next_step(state: State, limits: Limits, until: float) -> float:
-    """Return the length of the next step. Raises PhysicsError if it has collapsed, or is fixed far above the stable
-    one.
+    """Return the length of the next step; the step ends at `until` at the latest.
+
+    inf if neither an effect nor the end of the run limits the step. Raises PhysicsError if the step has collapsed, or
+    if `run.timestep` is far above the limit of stability.
     """
     run, left = state.scene.run, until - state.time
-    _check_fixed(state, limits, left)
+    _check_fixed_step(state, limits, left)
     dt = run.timestep if run.timestep is not None else run.courant * limits.step
     if not math.isfinite(dt):
         if left == math.inf and state.time >= run.until:
             return math.inf
         dt = run.until - state.time if left == math.inf else left
     if abs(dt - left) <= 1e-9 * dt:
-        return dt  # not cut: a landing must not change a fixed step by a rounding
+        return dt  # not shortened: rounding must not change the length of a fixed step
     if dt > left:
         return left
     if run.timestep is None and 2.0 * dt > left:
@@ -33,10 +35,13 @@ def next_step(state: State, limits: Limits, until: float) -> float:
     return dt
 
 
-def _check_fixed(state: State, limits: Limits, left: float) -> None:
-    """Raise PhysicsError if a fixed step is so long that errors grow without end."""
+def _check_fixed_step(state: State, limits: Limits, left: float) -> None:
+    """Raise PhysicsError if a fixed step is so long that errors grow without bound.
+
+    left: time until the step must end; it may be shorter than the fixed step.
+    """
     fixed = state.scene.run.timestep
-    if fixed is None or min(fixed, left) <= limits.growing or _over_before_it_grows(state, limits, left):
+    if fixed is None or min(fixed, left) <= limits.growing or _ends_before_errors_grow(state, limits, left):
         return
     raise PhysicsError(
         f"run.timestep is {fixed / limits.step:.3g} times the step limit of {limits.by}: "
@@ -45,11 +50,14 @@ def _check_fixed(state: State, limits: Limits, left: float) -> None:
     )
 
 
-def _over_before_it_grows(state: State, limits: Limits, left: float) -> bool:
-    """Return whether rounding errors stay small in the few steps of uniform gas, whose drag is exact at any length."""
+def _ends_before_errors_grow(state: State, limits: Limits, left: float) -> bool:
+    """Return whether a run of uniform gas with a fixed step ends before its rounding errors become large.
+
+    Drag in uniform gas is exact for any step, so tests of drag may use few steps above the limit of stability.
+    """
     run = state.scene.run
     if state.scene.initial is None or not start_of(state.scene).uniform or run.timestep is None:
         return False
     steps = math.ceil((run.until if left == math.inf else state.time + left) / run.timestep - 1e-9)
     # A step of x times the limit multiplies rounding errors by x^2 at most.
-    return steps <= 1 or 2 * steps * math.log10(run.timestep / limits.step) < GROWN
+    return steps <= 1 or 2 * steps * math.log10(run.timestep / limits.step) < MAX_ERROR_GROWTH

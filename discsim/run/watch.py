@@ -1,4 +1,4 @@
-"""Observation of a simulation that runs from Python: a display of its progress, and the caller's callback."""
+"""Progress display and user callback of a simulation that runs from Python."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ if TYPE_CHECKING:
 
 
 class Watch:
-    """Progress display and callback of `Simulation.run`, with times in code units.
+    """Progress display and callback of `Simulation.run`; times are in code units.
 
-    The display closes with the context. Raises ValueError.
+    The display is closed at the end of the context. Raises ValueError if `until` or `every` is wrong.
     """
 
     def __init__(
@@ -34,26 +34,27 @@ class Watch:
             _check_interval(every, until - sim.time, callback)
         self.sim, self.until, self.every, self.callback = sim, until, every, callback
         self.time, self.target = sim.time, until
-        self.shown: Progress | None = None
+        self.display: Progress | None = None
         if progress:
             from discsim.run.progress import Progress  # needed only here
 
             run = sim.scene.run.model_copy(update={"until": until})
-            self.shown = Progress(sim.scene.model_copy(update={"run": run}), quiet=False)
+            self.display = Progress(sim.scene.model_copy(update={"run": run}), quiet=False)
 
     def __enter__(self) -> Watch:
         return self
 
     def __exit__(self, *fault: object) -> None:
-        if self.shown is not None:
+        if self.display is not None:
             if fault[0] is None:
-                self.shown.line(self.sim.state, 0.0, "")
-            self.shown.close()
+                self.display.line(self.sim.state, 0.0, "")
+            self.display.close()
 
     @property
     def times(self) -> Iterator[float]:
-        """Times to land on, and the end: multiples of `every` as decimal numbers, the same for a run in parts as in
-        one.
+        """Times at which a step must end: multiples of `every`, and the end of the run.
+
+        Multiples are computed with exact fractions, so that a run made in parts has the same times.
         """
         if self.every is not None:
             every = Fraction(repr(self.every))
@@ -66,13 +67,13 @@ class Watch:
         yield self.until
 
     def after_step(self) -> bool:
-        """Report a new step, and return whether the run has to end after it."""
+        """Report the last step and call the callback if it is due; return whether the callback ends the run."""
         sim = self.sim
         if sim.time <= self.time:
             return False
         dt, self.time = sim.time - self.time, sim.time
-        if self.shown is not None:
-            self.shown.step(sim.state, dt, sim.limited_by)
+        if self.display is not None:
+            self.display.step(sim.state, dt, sim.limited_by)
         if self.callback is None or (self.every is not None and sim.time < self.target):
             return False
         with sim.synchronised():
@@ -80,7 +81,7 @@ class Watch:
 
 
 def _check_interval(every: float, span: float, callback: Callable[[Simulation], object] | None) -> None:
-    """Raise ValueError for an interval that is no time, has no callback, or gives too many calls."""
+    """Raise ValueError if `every` is not a positive time, has no callback, or gives too many calls in `span`."""
     if callback is None or not 0.0 < every < math.inf:
         raise ValueError(f"every = {every}; expected a positive time, together with a callback")
     if span > MOST_SNAPSHOTS * every:

@@ -22,7 +22,7 @@ from rich.table import Table
 
 from discsim.output.files import replace_atomically
 from discsim.printable import printable
-from discsim.run.directory import only_begun, scene_there
+from discsim.run.directory import ended_before_checkpoint, read_scene_file
 from discsim.scene import load_scene
 from discsim.scene.differences import refuse_another
 from discsim.study.outcomes import chosen, found_in
@@ -111,7 +111,7 @@ class Sweep:
         for folder, scene in zip(self.folders, self.scenes, strict=True):
             path = folder / "scene.toml"
             if path.exists():
-                refuse_another(path, scene_there(folder), scene)
+                refuse_another(path, read_scene_file(folder), scene)
 
     def _statuses(self, parallel: int, say: Say) -> Iterator[int]:
         """Yield the exit statuses of the runs in order; runs are made on request, or `parallel` at a time."""
@@ -189,7 +189,7 @@ def one_run(path: Path, overrides: Sequence[str], without: Sequence[str], direct
     """
     from discsim.run.runner import run_scene
 
-    begun = (directory / "checkpoint.h5").exists() or only_begun(directory)
+    begun = (directory / "checkpoint.h5").exists() or ended_before_checkpoint(directory)
     try:
         return run_scene(load_scene(path, overrides, without), directory, resume=begun, quiet=True)
     except Exception as fault:  # the sweep continues after any failure of a run

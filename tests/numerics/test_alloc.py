@@ -61,6 +61,6 @@ def test_particles_that_come_take_the_room():
 def test_aligned_arrays_begin_with_a_cache_line():
     for count in range(1, 40):
         array = alloc.aligned((count, 3), np.float32)
-        assert array.ctypes.data % alloc.LINE == 0 and array.shape == (count, 3) and array.dtype == np.float32
+        assert array.ctypes.data % alloc.CACHE_LINE == 0 and array.shape == (count, 3) and array.dtype == np.float32
         array[:] = count  # all of it is there
         assert array.sum() == 3 * count**2

@@ -7,7 +7,7 @@ from runs import WAVE, scene_of
 from discsim import Simulation
 from discsim.kernels.mpi.batches import BATCH
 from discsim.numerics import world
-from discsim.numerics.batches import bounds_anew, bounds_of
+from discsim.numerics.batches import bounds_of, update_bounds
 from discsim.numerics.operators import Operator, Slot
 
 
@@ -47,10 +47,10 @@ def test_bounds_of_changed_rows_are_made_anew(count, left):
     after[here] = 9.0
     bounds = bounds_of(before)
     expected = bounds_of(after)
-    np.testing.assert_array_equal(bounds_anew(bounds, after, rows), expected)
+    np.testing.assert_array_equal(update_bounds(bounds, after, rows), expected)
     if count > 2 * BATCH:
         bounds[1] = expected[1] = -1.0
-        np.testing.assert_array_equal(bounds_anew(bounds, after, rows), expected)
+        np.testing.assert_array_equal(update_bounds(bounds, after, rows), expected)
 
 
 def test_what_is_known_of_places_goes_when_they_move(tmp_path, monkeypatch):
@@ -63,7 +63,7 @@ def test_what_is_known_of_places_goes_when_they_move(tmp_path, monkeypatch):
 
     monkeypatch.setattr(world, "processes", Noting())
     sim.operators.forces()
-    sim.operators.shown = True
+    sim.operators.arrays_exposed = True
     for expected in (1, 1):
         sim.operators.kick(0.01)
         assert len(forgotten) == expected

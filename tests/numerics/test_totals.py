@@ -7,7 +7,7 @@ import pytest
 
 from discsim.kernels.common.totals import add_columns
 from discsim.numerics import thread_pool, world
-from discsim.numerics.totals import FEW, rounded, total, totals
+from discsim.numerics.totals import FSUM_ROWS, rounded, total, totals
 
 
 def wide(number, seed=3):
@@ -51,7 +51,7 @@ def test_a_total_that_overflows_is_infinite():
     assert total(np.full(4, -1e308)) == -math.inf
 
 
-@pytest.mark.parametrize("number", [1, 2, FEW, FEW + 1])
+@pytest.mark.parametrize("number", [1, 2, FSUM_ROWS, FSUM_ROWS + 1])
 def test_sums_of_few_and_of_many_have_the_same_bits(monkeypatch, number):
     """Also as on several processes, which never know that all of them have few."""
     values = wide(number)[:number]

@@ -18,7 +18,7 @@ from discsim.output.checkpoint import CheckpointError, checked_checkpoint, read_
 from discsim.output.contents import extent_of
 from discsim.output.snapshot import SnapshotError, write_snapshot
 from discsim.run.checkpoints import Checkpoints
-from discsim.run.directory import CHECKPOINTS, sweep, with_own_files
+from discsim.run.directory import CHECKPOINTS, copy_input_files, sweep
 from discsim.run.runner import run_scene
 from discsim.scene import SceneError, load_scene
 
@@ -258,7 +258,7 @@ def test_a_run_that_begins_with_a_snapshot_has_its_parts_too(both, tmp_path):
     scene = begun_with(both[1])
     out = tmp_path / "out"
     out.mkdir()
-    own = with_own_files(scene, out, [])
+    own = copy_input_files(scene, out, [])
     shutil.rmtree(both[1].parent)
     assert own.initial.file.path.parent == out
     assert np.array_equal(read_snapshot(own.initial.file.path).gas.pos, read_snapshot(both[0]).gas.pos)

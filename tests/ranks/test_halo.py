@@ -36,11 +36,11 @@ from discsim.numerics.neighbours import sort_into_cells
 from discsim.numerics.state import Particles
 from discsim.ranks.comm import by_rank
 from discsim.ranks.division import Division
-from discsim.ranks.drag import _needed, _with_leaves_of_ghosts, numbers_of
-from discsim.ranks.gravity import _in_order
+from discsim.ranks.drag import _needed_blocks, _with_leaves_of_ghosts, numbers_of
+from discsim.ranks.gravity import _ranges_in_global_order
 from discsim.ranks.leaves import Leaves
 from discsim.ranks.windows import Windows, joined, no_nodes
-from discsim.ranks.world import _largest
+from discsim.ranks.world import _rows_of_largest
 
 
 @pytest.mark.parametrize("dim", [1, 2])
@@ -246,7 +246,7 @@ def test_blocks_that_own_ones_hang_on_are_those_of_all_nodes(periodic, rings):
     lattice = Lattice(np.zeros(2), np.array(shape), 0, 1.0, shape, periodic, (0, 0), shape)
     own = blocks.first_leaf[:, 0] < 90 + 10 * (blocks.first_leaf[:, 1] // 32 % 3)
     away = -(-(rings + 2 << int(blocks.level.max())) // 32)
-    found = _needed(blocks, lattice, own, away, rings, False)
+    found = _needed_blocks(blocks, lattice, own, away, rings, False)
     lattices = levels.lattices(*shape, joined, LEVELS + 1)
     home, _, about, near = levels.list_nodes(blocks.level, blocks.first_leaf, lattices, False)
     expected = own.copy()
@@ -335,7 +335,7 @@ def test_the_largest_of_values_that_nearly_rise(number):
     values[[0, 999]] = values[[999, 0]]
     values[900:] = rng.permutation(1000)[:100]  # have come
     loose = np.concatenate([some, [0, 999, 999, 1000], np.arange(900, 1000)])  # some twice, or gone
-    found = _largest(values, number, loose)
+    found = _rows_of_largest(values, number, loose)
     np.testing.assert_array_equal(np.sort(values[found]), np.sort(values)[max(1000 - number, 0) :])
 
 
@@ -353,7 +353,7 @@ def test_rows_by_their_places_in_few_pieces():
     own.unsorted_rows = np.append(own.unsorted_rows, [60, 61, 4000])
     ghosts = rng.choice(1 << 40, 50).astype(np.uint64)
     both = np.concatenate([own.global_index, ghosts])
-    first, last = _in_order(both, own.count, own.unsorted_rows)
+    first, last = _ranges_in_global_order(both, own.count, own.unsorted_rows)
     rows = np.concatenate([np.arange(a, b) for a, b in zip(first, last, strict=True)])
     np.testing.assert_array_equal(rows, np.argsort(both))
     assert len(first) < 500
@@ -361,13 +361,13 @@ def test_rows_by_their_places_in_few_pieces():
 
 def test_rows_out_of_order_that_nobody_has_told_of():
     place = np.array([3, 9, 5, 7], np.uint64)
-    first, last = _in_order(place, 3, np.empty(0, np.int64))
+    first, last = _ranges_in_global_order(place, 3, np.empty(0, np.int64))
     assert first.tolist() == [0, 2, 3, 1] and last.tolist() == [1, 3, 4, 2]
 
 
 def test_rows_that_fall_where_one_is_out_of_order():
     place = np.array([0, 10, 3, 5, 20], np.uint64)
-    first, last = _in_order(place, 5, np.array([2]))
+    first, last = _ranges_in_global_order(place, 5, np.array([2]))
     rows = np.concatenate([np.arange(a, b) for a, b in zip(first, last, strict=True)])
     np.testing.assert_array_equal(rows, np.argsort(place))
 
@@ -377,6 +377,6 @@ def test_two_rows_that_have_changed_places(row):
     place = np.arange(0, 300, 2, dtype=np.uint64)
     place[100:] -= 141  # of others, between own ones
     place[[row, row + 1]] = place[[row + 1, row]]
-    first, last = _in_order(place, 100, np.empty(0, np.int64))
+    first, last = _ranges_in_global_order(place, 100, np.empty(0, np.int64))
     rows = np.concatenate([np.arange(a, b) for a, b in zip(first, last, strict=True)])
     np.testing.assert_array_equal(rows, np.argsort(place))

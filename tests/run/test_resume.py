@@ -54,7 +54,7 @@ def test_killed_before_any_file_operation(tmp_path):
 def test_a_snapshot_that_was_due_at_the_checkpoint_is_made(tmp_path, monkeypatch, rows_every):
     # Killed after the checkpoint of the step that lands on an output, before the output.
     scene = scene_of(tmp_path, WAVE, "run.until=0.02", "run.timestep=0.005", ALWAYS)
-    monkeypatch.setattr("discsim.run.runner.SMALL", 20_000 if rows_every == 1 else 100)
+    monkeypatch.setattr("discsim.run.runner.FEW_PARTICLES", 20_000 if rows_every == 1 else 100)
     assert run_scene(scene, tmp_path / "straight", quiet=True) == 0
     landing = [int(row["step"]) for row in rows(tmp_path / "straight") if float(row["time"]) in (0.01, 0.02)]
     assert len(landing) == 2
@@ -62,7 +62,7 @@ def test_a_snapshot_that_was_due_at_the_checkpoint_is_made(tmp_path, monkeypatch
         out = tmp_path / str(step)
 
         def die(sim):
-            monkeypatch.setattr("discsim.run.runner.Run._output", lambda run: os._exit(9))
+            monkeypatch.setattr("discsim.run.runner.Run._write_output", lambda run: os._exit(9))
 
         def run():
             at_step(monkeypatch, step, die)  # noqa: B023
@@ -84,9 +84,9 @@ def test_a_due_snapshot_with_another_schedule(tmp_path, monkeypatch):
             os._exit(9)
         real(run)
 
-    real = Run._output
+    real = Run._write_output
     with monkeypatch.context() as patch:
-        patch.setattr(Run, "_output", die)
+        patch.setattr(Run, "_write_output", die)
         assert status_of(forked(lambda: run_scene(scene, out, quiet=True))) == 9
     for until, every, expected in (
         (0.1, 0.05, [0, 0.05, 0.1]),

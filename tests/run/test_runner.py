@@ -182,7 +182,7 @@ def test_a_run_of_one_step(tmp_path):
 
 
 def test_large_runs_have_rows_at_intervals_and_outputs(tmp_path, monkeypatch):
-    monkeypatch.setattr("discsim.run.runner.SMALL", 100)
+    monkeypatch.setattr("discsim.run.runner.FEW_PARTICLES", 100)
     assert run_scene(scene_of(tmp_path, SHOCK), tmp_path / "out", quiet=True) == 0
     steps = [int(row["step"]) for row in rows(tmp_path / "out")]
     outputs = [row for row in rows(tmp_path / "out") if int(row["step"]) % 16 != 0]

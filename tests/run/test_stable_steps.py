@@ -162,7 +162,7 @@ def test_gas_is_watched_in_whatever_order_it_is(swings):
     rng, count, dt, centre = np.random.default_rng(5), 3000, 0.02, np.array([0.3, -0.2])
     start, kick = rng.normal(size=(count, 2)), rng.normal(size=(count, 2)) * 0.4 * SPEED / dt
     pos = centre + rng.uniform(0.5, 2.0, (count, 1)) * np.array([0.6, 0.8])
-    watch, scene = guards.Reversals(), box("quintic", timestep=dt).state.scene
+    watch, scene = guards.ReversalGuard(), box("quintic", timestep=dt).state.scene
     for step in (17, 18, 19):
         ids = rng.permutation(count)[: count - 40 * step]
         away = pos[ids] - centre
