@@ -29,7 +29,7 @@ from scipy.signal import peak_prominences, peak_widths
 
 from discsim.output.bins import range_of_mass
 from discsim.output.snapshot import Snapshot, SnapshotError, read_snapshot
-from discsim.study.outcomes import QUANTILES, RINGS, SMOOTHED, quantile_radii, smoothed
+from discsim.study.outcomes import QUANTILES, RINGS, SMOOTHING_RINGS, quantile_radii, smoothed
 
 FINE = 4  # rings in a given width of the smoothing, least
 
@@ -131,7 +131,7 @@ def compare(directories: list[Path], out: Path, within: list[float], width: floa
     reach = 1.1 * float(np.quantile(start, 0.999))
     number = RINGS if width is None else max(RINGS, int(np.ceil(FINE * reach * length / width)))
     edges = np.linspace(0, reach, number + 1)
-    rings = SMOOTHED if width is None else width / length / (edges[1] - edges[0])
+    rings = SMOOTHING_RINGS if width is None else width / length / (edges[1] - edges[0])
     scale = np.array([time, *[length] * 3, *[mass] * len(radii), length, density, length, 1.0])
     unit = {"t": " [yr]", "r": " [au]", "M": " [Mearth]", "S": " [g/cm2]"} if physical else dict.fromkeys("trMS", "")
     columns = [f"time{unit['t']}"]

@@ -97,7 +97,7 @@ def plot(
             else f"{' and '.join(given)}: expected only one of them"
         )
     from discsim.output.fields.look import look_of
-    from discsim.plot.request import Request, save, usual_path
+    from discsim.plot.request import Request, default_path, save
 
     kind = "phase" if against else given[0].removeprefix("--") if given else None
 
@@ -111,7 +111,7 @@ def plot(
             compare is not None,
             look_of(window, limits, distance, wavelength, opacity, prefix="--"),
         )
-        where = output or usual_path(request)
+        where = output or default_path(request)
         save(request.figure, where)
         return where
 
@@ -135,12 +135,12 @@ def movie(
 ) -> None:
     """Make a film of a run, a frame a snapshot."""
     from discsim.output.fields.look import look_of
-    from discsim.plot.film import Film, usual_path
+    from discsim.plot.film import Film, default_path
 
     def make() -> Path:
         look = look_of(window, limits, distance, wavelength, opacity, prefix="--")
         film = Film(source, field.split(",") if field else (), "polar" if polar else "map", rate, look)
-        where = output or usual_path(film)
+        where = output or default_path(film)
         film.save(where, _frames())
         return where
 

@@ -1,9 +1,10 @@
-"""Sums of particles on pixels and in rings, for maps and profiles.
+"""Sums over particles on pixels and in rings, for maps and profiles.
 
-Sigma = sum m G / area,    <q> = sum m q G / sum m G
+    Sigma = sum m G / area,    <q> = sum m q G / sum m G
 
-In rings G is 1. On pixels G is a Gaussian whose width is the radius of a circle with 12 neighbours. The number of
-neighbours comes from the particle counts of the pixels, averaged over boxes of increasing side.
+with the mass m and a quantity q of each particle, and its weight G in the bin. In rings G is 1. On pixels G is a
+Gaussian whose standard deviation is the radius of a circle around the particle with 12 neighbours; these are
+estimated from particle counts of pixels, averaged over boxes of increasing side.
 """
 
 from __future__ import annotations
@@ -14,19 +15,19 @@ from typing import Any, Protocol
 import numpy as np
 
 Array = np.ndarray
-NEIGHBOURS = 12  # within one width of the Gaussian of a particle
-REACH = 3.5  # cutoff of a Gaussian, in standard deviations
+NEIGHBOURS = 12  # neighbours within one standard deviation of the Gaussian of a particle
+CUTOFF = 3.5  # cutoff of a Gaussian, in standard deviations
 _BLOCK = 1 << 19  # particles per block, so that temporary arrays fit into the cache
-_MARGIN = 8  # a window has a margin of 1/8 of its longer side: particles there reach into the window
+_MARGIN_DIVISOR = 8  # a map has a margin of 1/8 of its longer side, as Gaussians of particles there extend into the map
 RINGS = 80
-FINE, ROUNDS = 240, 4  # bins of smooth profiles; iterations for the widths
-WIDEST = 0.03  # largest width, over the length of the profile
+FINE_BINS, ITERATIONS = 240, 4  # bins of smooth profiles; iterations for the widths of Gaussians
+MAX_WIDTH = 0.03  # largest standard deviation of a Gaussian, as a fraction of the length of the profile
 
 
 class Bins(Protocol):
     """Protocol of bins for sums over particles.
 
-    `measure` is the area (in 1D the length) of each bin: an array, or one number for all bins.
+    `measure` is the area (in 1D the length) of the bins: an array, or one number for all bins.
     """
 
     measure: Any
@@ -34,14 +35,14 @@ class Bins(Protocol):
     def sum(self, weights: Array) -> Array:
         """Return the sum of weights (n,) in each bin."""
 
-    def there(self, mass: Array) -> Array:
-        """Return where a bin has enough mass for a mean."""
+    def has_enough_mass(self, mass: Array) -> Array:
+        """Return a mask of the bins with enough mass for a mean; `mass` is the mass in each bin."""
 
 
 class Rings:
-    """Bins between rising `edges` (bins + 1,) of the values `at` (n,) of particles: a radius, or in 1D a position.
+    """Bins between increasing `edges` (bins + 1,) in radius, or in 1D in position.
 
-    `measure` (bins,) defaults to the areas of the rings.
+    `at` (n,) are the radii or positions of the particles. `measure` (bins,) defaults to the areas of the rings.
     """
 
     def __init__(self, at: Array, edges: Array, measure: Array | None = None) -> None:
@@ -57,59 +58,61 @@ class Rings:
     def sum(self, weights: Array) -> Array:
         return np.bincount(self.flat, weights, self.count + 1)[: self.count]
 
-    def there(self, mass: Array) -> Array:
+    def has_enough_mass(self, mass: Array) -> Array:
         return mass > 0
 
 
 class SmoothRings:
-    """Fine rings between two radii (in 1D bins of x), with particles at `at` (n,) spread by a Gaussian.
+    """Fine rings (in 1D bins of x) over which each particle is spread by a Gaussian.
 
-    The width of a Gaussian is 0.6 times the local mean distance of particles: n^(-1/2), in 1D 1/n, for a number
-    density n. This smooths the rings of a quiet start to 0.1%. `edges` has shape (bins + 1,).
+    `at` (n,) are the radii or positions of the particles, `ends` the first and last edge. The standard deviation of a
+    Gaussian is 0.6 times the local particle spacing, which is n^(-1/2), in 1D 1/n, for a number density n. This
+    smooths the rings of particles in a quiet start to 0.1%. The attribute `edges` has shape (bins + 1,).
     """
 
     def __init__(self, at: Array, ends: tuple[float, float], dimensions: int) -> None:
-        self.edges = np.linspace(*ends, FINE + 1)
+        self.edges = np.linspace(*ends, FINE_BINS + 1)
         self.measure = np.pi * np.diff(self.edges**2) if dimensions == 2 else np.diff(self.edges)
         self._bins = Rings(at, self.edges, self.measure)
         counts = self._bins.sum(np.ones(len(at)))
-        side = (ends[1] - ends[0]) / FINE
-        width = np.full(FINE, WIDEST * FINE)
-        for _ in range(ROUNDS):  # iterated, as the density depends on the width
-            share = _spread(width, self.measure)
-            number = np.maximum(share @ counts / self.measure, 1e-300)
-            width = np.clip(0.6 * number ** (-1.0 / dimensions) / side, 1.0, WIDEST * FINE)
-        self.share = _spread(width, self.measure)
+        side = (ends[1] - ends[0]) / FINE_BINS
+        width = np.full(FINE_BINS, MAX_WIDTH * FINE_BINS)
+        for _ in range(ITERATIONS):  # iterated, as the density depends on the width
+            weight = _gaussian_weights(width, self.measure)
+            number = np.maximum(weight @ counts / self.measure, 1e-300)
+            width = np.clip(0.6 * number ** (-1.0 / dimensions) / side, 1.0, MAX_WIDTH * FINE_BINS)
+        self.weight = _gaussian_weights(width, self.measure)
 
     def sum(self, weights: Array) -> Array:
-        return self.share @ self._bins.sum(weights)
+        return self.weight @ self._bins.sum(weights)
 
-    def there(self, mass: Array) -> Array:
+    def has_enough_mass(self, mass: Array) -> Array:
         return mass / self.measure > 1e-3 * np.max(mass / self.measure, initial=0.0)
 
 
-def _spread(width: Array, measure: Array) -> Array:
-    """Return the weights [to, from] of normalised Gaussians between bins.
+def _gaussian_weights(width: Array, measure: Array) -> Array:
+    """Return a matrix of weights [to, from] that spreads the content of each bin over its neighbours by a Gaussian.
 
-    `width` (n,) is in bins, `measure` (n,) the area of the bins. Sums over all bins are conserved.
+    `width` (n,) is the standard deviation in bins, `measure` (n,) the area of the bins. Sums over bins are conserved.
     """
     number = np.arange(len(width))
-    away = np.abs(number[:, None] - number) / width
-    share = np.where(away <= REACH, np.exp(-0.5 * away**2), 0.0) * measure[:, None]
-    return share / share.sum(axis=0)
+    distance = np.abs(number[:, None] - number) / width
+    weight = np.where(distance <= CUTOFF, np.exp(-0.5 * distance**2), 0.0) * measure[:, None]
+    return weight / weight.sum(axis=0)
 
 
 class Plane:
-    """Pixels [i, j] of the window from `lower` to `upper` for `count` particles.
+    """Pixels [i, j] of a window (lower, upper corner) over which particles are spread by Gaussians.
 
-    `of` returns the positions (n, 2) of the particles in a slice. `shape` is the number of pixels along each axis,
-    and `periodic` says which axes are periodic. `measure` is the area of a pixel, one number or (nx, ny).
+    `count` is the number of particles, and `positions(slice)` returns the positions (n, 2) of some of them. `shape` is
+    the number of pixels along each axis, and `periodic` is True for axes that are periodic. `measure` is the area of a
+    pixel: one number, or an array (nx, ny).
     """
 
     def __init__(
         self,
         count: int,
-        of: Callable[[slice], Array],
+        positions: Callable[[slice], Array],
         window: tuple[Array, Array],
         shape: tuple[int, int],
         periodic: tuple[bool, bool] = (False, False),
@@ -119,25 +122,25 @@ class Plane:
         self.shape, self.periodic = shape, periodic
         pixel = (upper - lower) / shape
         self.measure = pixel.prod() if measure is None else measure
-        self.margin = tuple(0 if repeats else -(-max(shape) // _MARGIN) for repeats in periodic)
+        self.margin = tuple(0 if repeats else -(-max(shape) // _MARGIN_DIVISOR) for repeats in periodic)
         self.padded = tuple(n + 2 * m for n, m in zip(shape, self.margin, strict=True))
         self.size = self.padded[0] * self.padded[1]
         self.flat = np.empty(count, np.int32)
         for part in blocks(count):
-            self.flat[part] = self._pixel_of((of(part) - lower) / pixel)
+            self.flat[part] = self._pixel_index((positions(part) - lower) / pixel)
         counts = self._deposit(None)
         self.occupied = np.flatnonzero(counts)
-        # One filter for each factor of sqrt(2) in width. A particle is shared between the filters below and above its
-        # own width, so that the map is continuous in the width. A Gaussian of half a pixel is as good as a point.
-        width = _widths(counts.reshape(self.padded), self.occupied, self._modes)
+        # Filters exist for widths in steps of sqrt(2). The mass of a particle is divided between the two filters next
+        # to its own width, so that the map is continuous in the width. Widths below half a pixel make no difference.
+        width = _gaussian_widths(counts.reshape(self.padded), self.occupied, self._modes)
         self.level = 2 * np.log2(np.clip(width, 0.5, max(shape)))
 
     @property
     def _modes(self) -> tuple[str, ...]:
         return tuple("wrap" if repeats else "constant" for repeats in self.periodic)
 
-    def _pixel_of(self, at: Array) -> Array:
-        """Return the flat pixel index (n,) of positions (n, 2) in pixels; `size` beyond the margin."""
+    def _pixel_index(self, at: Array) -> Array:
+        """Return the flat index (n,) of the pixels at positions `at` (n, 2), in pixels; `size` beyond the margin."""
         with np.errstate(invalid="ignore"):  # positions that are not finite count as outside
             cell = np.floor(at).astype(np.int64)
         inside = np.isfinite(at).all(axis=1)
@@ -149,6 +152,7 @@ class Plane:
         return np.where(inside, cell[:, 0] * self.padded[1] + cell[:, 1], self.size)
 
     def _deposit(self, weights: Array | None) -> Array:
+        """Return the sum of weights (None: the number) of the particles in each pixel, without smoothing."""
         return np.bincount(self.flat, weights, self.size + 1)[: self.size]
 
     def sum(self, weights: Array) -> Array:
@@ -156,39 +160,40 @@ class Plane:
 
         total = np.zeros(self.padded)
         if not self.occupied.size:
-            return self._cut(total)
+            return self._without_margin(total)
         deposit = self._deposit(weights)[self.occupied]
         for step in range(int(np.floor(self.level.min())), int(np.ceil(self.level.max())) + 1):
-            away = np.abs(self.level - step)
-            some, sigma = np.flatnonzero(away < 1), 2 ** (step / 2)
-            mass, where = (1 - away[some]) * deposit[some], self.occupied[some]
-            if some.size < REACH * sigma and not any(self.periodic):  # direct sums are faster than a filter
+            distance = np.abs(self.level - step)
+            chosen, sigma = np.flatnonzero(distance < 1), 2 ** (step / 2)
+            mass, where = (1 - distance[chosen]) * deposit[chosen], self.occupied[chosen]
+            if chosen.size < CUTOFF * sigma and not any(self.periodic):  # direct sums are faster than a filter
                 total += gaussians(np.stack(np.divmod(where, self.padded[1]), axis=1), mass, sigma, self.padded)
-            elif some.size:
+            elif chosen.size:
                 image = np.zeros(self.size)
                 image[where] = mass
-                total += gaussian_filter(image.reshape(self.padded), sigma, mode=self._modes, truncate=REACH)
-        return self._cut(total)
+                total += gaussian_filter(image.reshape(self.padded), sigma, mode=self._modes, truncate=CUTOFF)
+        return self._without_margin(total)
 
-    def _cut(self, image: Array) -> Array:
+    def _without_margin(self, image: Array) -> Array:
+        """Return a map without its margin."""
         (i, j), (nx, ny) = self.margin, self.shape
         return image[i : i + nx, j : j + ny]
 
-    def there(self, mass: Array) -> Array:
+    def has_enough_mass(self, mass: Array) -> Array:
         return mass / self.measure > range_of_mass(mass / self.measure)[0]
 
 
 def blocks(count: int) -> Iterator[slice]:
-    """Yield slices of _BLOCK particles each, up to `count`."""
+    """Yield slices of at most _BLOCK particles that cover `count` particles."""
     yield from (slice(start, start + _BLOCK) for start in range(0, count, _BLOCK))
 
 
-def _widths(counts: Array, occupied: Array, modes: tuple[str, ...]) -> Array:
-    """Return the width s, in pixels, with pi s^2 n = 12, for particles in the pixels `occupied` (flat indices).
+def _gaussian_widths(counts: Array, occupied: Array, modes: tuple[str, ...]) -> Array:
+    """Return the standard deviation s, in pixels, of the Gaussians of particles in the pixels `occupied`.
 
-    n is the number density averaged over that width. Two successive box averages of side sqrt(6) s stand in for a
-    Gaussian of standard deviation s, and take the same time for any width. The width is inf where there are too few
-    particles in all.
+    s is the solution of pi s^2 n = 12, where n is the number density averaged over the width s. This average is
+    computed by two successive box filters of side sqrt(6) s, which take the same time for any width. s is inf if the
+    map has too few particles. `counts` (nx, ny) are particle numbers, `occupied` flat indices.
     """
     from scipy.ndimage import uniform_filter
 
@@ -215,18 +220,23 @@ def _widths(counts: Array, occupied: Array, modes: tuple[str, ...]) -> Array:
 
 
 def gaussians(cell: Array, mass: Array, sigma: float, shape: tuple[int, ...]) -> Array:
-    """Return scipy's `gaussian_filter` of masses (n,) at pixels `cell` (n, 2) of an open map, by direct sums."""
-    reach = int(REACH * sigma + 0.5)
+    """Return masses (n,) at pixels `cell` (n, 2) smoothed by a Gaussian, on a map that is not periodic.
+
+    Equal to `gaussian_filter` of scipy, but computed by direct sums, which are faster for few pixels.
+    """
+    reach = int(CUTOFF * sigma + 0.5)
     norm = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2).sum()
     along, across = (np.abs(np.arange(n) - at[:, None]) for n, at in zip(shape, cell.T, strict=True))
-    x, y = (np.where(away <= reach, np.exp(-0.5 * (away / sigma) ** 2), 0.0) / norm for away in (along, across))
+    x, y = (
+        np.where(distance <= reach, np.exp(-0.5 * (distance / sigma) ** 2), 0.0) / norm for distance in (along, across)
+    )
     return (mass[:, None] * x).T @ y
 
 
 def range_of_mass(sigma: Array, decades: float = 3.5) -> tuple[float, float]:
-    """Return the lower and upper surface density of the colours of a map.
+    """Return the lowest and highest surface density on the colour scale of a map.
 
-    The range holds about 99% of the mass, and spans at most `decades`.
+    Pixels in this range have about 99% of the mass. The range spans at most `decades`.
     """
     seen = np.sort(sigma[sigma > 0])
     if not seen.size:
@@ -239,14 +249,17 @@ def range_of_mass(sigma: Array, decades: float = 3.5) -> tuple[float, float]:
 
 
 def square_window(pos: Array, window: tuple[Array, Array], pixels: int, periodic: bool = False) -> Plane:
-    """Return square pixels over a window, `pixels` on its longer side; periodic: the window is the box."""
+    """Return square pixels over a window, `pixels` along its longer side.
+
+    With `periodic` the window must be the whole periodic box.
+    """
     side = np.subtract(window[1], window[0])
     nx, ny = (max(int(np.rint(pixels * length / max(side))), 1) for length in side)
     return Plane(len(pos), lambda part: pos[part], window, (nx, ny), (periodic, periodic))
 
 
 def polar_window(pos: Array, inner: float, outer: float, pixels: int) -> Plane:
-    """Return pixels [phi, r] between two radii, phi from -pi to pi, with pixels / 2 rings in r."""
+    """Return pixels [phi, r] between two radii: `pixels` along phi from -pi to pi, and half as many along r."""
 
     def polar(part: slice) -> Array:
         x, y = pos[part].T

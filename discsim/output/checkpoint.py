@@ -1,4 +1,4 @@
-"""Checkpoints: the arrays and numbers of a run, bit for bit, in an HDF5 file that is complete or absent."""
+"""Checkpoints: HDF5 files with the arrays and numbers of a run, bit for bit, from which the run resumes."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from discsim.version import __version__
 Array = np.ndarray
 Scalar = str | int | float | bool
 PARTICLES = ("gas", "dust", "own_acc")  # groups of arrays with one row per particle
-ROWS = 1 << 20  # rows that are checked at a time
-MOST = 1 << 53  # largest whole number: up to this limit floats are exact
+ROWS_PER_CHECK = 1 << 20  # largest number of rows in memory during a check
+MAX_WHOLE = 1 << 53  # largest whole number: up to this limit floats are exact
 
 
 class CheckpointError(UserError):
@@ -52,7 +52,7 @@ class Values(Entries):
         super().__init__(path, entries)
         self.version = version
 
-    def whole(self, name: str, least: int = 0, most: int = MOST) -> int:
+    def whole(self, name: str, least: int = 0, most: int = MAX_WHOLE) -> int:
         """Return a whole number from `least` to `most`."""
         value = self[name]
         if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
@@ -60,7 +60,7 @@ class Values(Entries):
         return int(value)
 
     def number(self, name: str, least: float = -math.inf, may_be_infinite: bool = False) -> float:
-        """Return a number of at least `least`."""
+        """Return a finite number of at least `least`; with `may_be_infinite` also infinity."""
         value = self[name]
         right = isinstance(value, int | float) and not isinstance(value, bool) and value >= least
         if not right or not (math.isfinite(value) or (may_be_infinite and value > 0.0)):
@@ -74,7 +74,7 @@ class Values(Entries):
         return str(self[name])
 
     def refuse(self, name: str, expected: str) -> NoReturn:
-        """Raise CheckpointError for a wrong value."""
+        """Raise CheckpointError with the wrong value of `name` and the expected one."""
         value = clipped(repr(self[name]))
         raise CheckpointError(f"{self.path}: damaged checkpoint: {name} is {value}; expected {expected}")
 
@@ -86,13 +86,13 @@ def write_checkpoint(
     before: Path | None = None,
     into: Callable[[Any, Path | None], AbstractContextManager[h5py.File]] = hdf5.create,
 ) -> None:
-    """Write named groups of arrays (numbers, one or more dimensions) and single values.
+    """Write a checkpoint: arrays by group and name, and single values `attrs`.
 
     An existing file at `path` is replaced, or renamed to `before`. It stays in place if the new file cannot be
     written, which raises OSError. `into` is the context manager that creates the file.
     """
     with into(path, before) as file:
-        hdf5.mark(file, "checkpoint")
+        hdf5.write_provenance(file, "checkpoint")
         values = file.create_group("values")
         for name, value in attrs.items():
             values.attrs[name] = np.bytes_(value.encode()) if isinstance(value, str) else value
@@ -100,16 +100,16 @@ def write_checkpoint(
         for group, members in groups.items():
             into = arrays.create_group(group)
             for name, array in members.items():
-                hdf5.put(into, name, array)
+                hdf5.write_array(into, name, array)
 
 
 def read_checkpoint(
     path: str | os.PathLike[str], share: tuple[int, int] = (0, 1)
 ) -> tuple[dict[str, dict[str, Array]], Values]:
-    """Read the groups and values of `write_checkpoint`, bit for bit. Raises CheckpointError.
+    """Return the groups and values that `write_checkpoint` wrote, bit for bit. Raises CheckpointError.
 
-    Looking up a missing group, array or value raises CheckpointError too. `share` = (i, k) reads rows [n i / k, n
-    (i+1) / k) of the n rows of particle arrays.
+    `share` = (i, k) is a rank and the number of ranks: of n particles, rows n i / k to n (i + 1) / k are read. A
+    look-up of a missing entry in the result raises CheckpointError too.
     """
 
     def rows(group: str, length: int) -> slice:
@@ -125,20 +125,21 @@ def read_checkpoint(
 
 
 def checked_checkpoint(path: str | os.PathLike[str]) -> tuple[dict[str, dict[str, Array]], Values]:
-    """Read a checkpoint without its particles; their arrays are only checked, ROWS rows at a time."""
+    """Return groups and values without the particles, whose arrays are only checked, ROWS_PER_CHECK rows at a time."""
     with hdf5.reading(path, CheckpointError, "checkpoint") as file:
         groups = {}
         for group, members in _datasets(file).items():
             if group in PARTICLES:
                 for stored in members.values():
-                    for first in range(0, len(stored), ROWS):
-                        stored.read(slice(first, first + ROWS))
+                    for first in range(0, len(stored), ROWS_PER_CHECK):
+                        stored.read(slice(first, first + ROWS_PER_CHECK))
             else:
                 groups[group] = Entries(path, {name: stored.read() for name, stored in members.items()})
         return Entries(path, groups), _values(path, file)
 
 
 def _datasets(file: hdf5.CheckedGroup) -> dict[str, dict[str, hdf5.CheckedDataset]]:
+    """Return all datasets by group and name."""
     arrays = file.group("arrays")
     return {group: {name: held.dataset(name) for name in held.names} for group, held in _groups(arrays).items()}
 

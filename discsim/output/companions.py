@@ -1,13 +1,12 @@
-"""companions.csv: the companions of a star against time.
+"""Rows of companions.csv, the orbits of companions and the torques on them against time.
 
-The file has one row per companion and step, or per `companion.every`, in code units, with angles in degrees.
-Positions and velocities are relative to the star, both at the time of the row. semi_major_axis, eccentricity,
-pericentre (its longitude) and anomaly (true anomaly) are those of the two-body orbit about the star with the
-companion's full mass.
+The file has one row per companion and step, or per `companion.every`, in code units with angles in degrees. x, y,
+vx, vy are relative to the star, at the time of the row. semi_major_axis, eccentricity, pericentre (its longitude)
+and anomaly (true anomaly) describe the two-body orbit about the star with the companion's full mass.
 
-During its ramp a companion acts on gas and dust with felt_mass, which is less than mass. The torques of all gas and
-dust on this mass about the star are felt_mass r x a. They are given even if the companion does not react to gas and
-dust. The star's own position and velocity are in the frame of the run.
+During its ramp a companion attracts gas and dust with felt_mass, which is smaller than mass. Its torque about the
+star is felt_mass r x a, with the acceleration a by all gas or by all dust; it is given even if the companion does not
+react to gas and dust. star_x ... star_vy are in the frame of the run.
 """
 
 from __future__ import annotations
@@ -29,16 +28,19 @@ COLUMNS = (
     "torque_gas", "torque_dust", "accreted_gas", "accreted_dust", "star_mass", "star_x", "star_y", "star_vx", "star_vy",
     "felt_mass",
 )  # fmt: skip
-EARLY = 1e-9  # tolerance, over the interval, for rounding errors of the time
+TIME_TOLERANCE = 1e-9  # tolerance for rounding errors of the time, relative to `companion.every`
 
 
-def written_for(scene: Scene) -> bool:
-    """Return whether a run of the scene writes the file."""
+def has_companions(scene: Scene) -> bool:
+    """Return whether a run of the scene writes companions.csv."""
     return scene.table("companion") is not None
 
 
 def companion_rows(state: State, dt: float) -> list[list[object]]:
-    """Return the rows of the companions due after a step of `dt`, as in COLUMNS; at step 0 all companions are due."""
+    """Return rows, with entries as in COLUMNS, for the companions that are due after a step of `dt`.
+
+    At step 0 all companions are due.
+    """
     bodies = state.bodies
     if bodies is None:
         return []
@@ -46,7 +48,7 @@ def companion_rows(state: State, dt: float) -> list[list[object]]:
     star = [float(value) for value in (bodies.mass[0], *bodies.pos[0], *vel[0])]
     rows: list[list[object]] = []
     for k, companion in enumerate(state.scene.table("companion") or (), 1):
-        if state.step > 0 and not _due(companion.every, state.time, dt):
+        if state.step > 0 and not _is_due(companion.every, state.time, dt):
             continue
         r, v = bodies.pos[k] - bodies.pos[0], vel[k] - vel[0]
         mass = orbital_mass(state.scene, float(bodies.mass[0]), float(bodies.mass[k]))
@@ -62,6 +64,8 @@ def companion_rows(state: State, dt: float) -> list[list[object]]:
     return rows
 
 
-def _due(every: float | None, time: float, dt: float) -> bool:
-    """Return whether a multiple of `every` lies in the last step; True without `every`."""
-    return every is None or bool(np.floor(time / every + EARLY) > np.floor((time - dt) / every + EARLY))
+def _is_due(every: float | None, time: float, dt: float) -> bool:
+    """Return whether a multiple of `every` lies in the last step, which ends at `time`; True if `every` is None."""
+    return every is None or bool(
+        np.floor(time / every + TIME_TOLERANCE) > np.floor((time - dt) / every + TIME_TOLERANCE)
+    )

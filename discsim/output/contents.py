@@ -1,4 +1,4 @@
-"""Entries of a snapshot beyond the state's arrays: the box, the kernel's support, and derived quantities."""
+"""Entries of a snapshot that the state has no arrays for: the box, the kernel's support, derived quantities."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Extent(NamedTuple):
 
 
 def extent_of(scene: Scene, gas: Gas | None, dust: Dust | None, bodies: Bodies | None) -> Extent:
-    """Return the scene's box, extended to particles that have left it through an open boundary."""
+    """Return the scene's box, enlarged to contain particles that have left it through an open boundary."""
     size = np.asarray(scene.space.size, dtype=float)
     lower = -size / 2 if scene.centred else np.zeros_like(size)
     upper = lower + size
@@ -41,7 +41,7 @@ def extent_of(scene: Scene, gas: Gas | None, dust: Dust | None, bodies: Bodies |
 
 
 def unit_texts(units: Units) -> tuple[str, str, str]:
-    """Return the system and the code units of length and mass as texts."""
+    """Return three texts: the system of units, and the code units of length and mass."""
     return units.system, units.length_text, units.mass_text
 
 
@@ -61,9 +61,9 @@ def present_kinds(gas: Gas | None, dust: Dust | None, bodies: Bodies | None) -> 
 
 
 def into_box(pos: Array, lower: Array, upper: Array) -> Array:
-    """Return positions (n, 3) in [0, BoxSize] relative to the corner `lower`.
+    """Return positions (n, 3) relative to the corner `lower`, in [0, BoxSize].
 
-    Dimensions that the run does not have get the middle of the longest side.
+    Coordinates along axes that the run does not have are half the longest side.
     """
     side = upper - lower
     shifted = np.full((len(pos), 3), side.max() / 2)
@@ -72,7 +72,7 @@ def into_box(pos: Array, lower: Array, upper: Array) -> Array:
 
 
 def derived_arrays(scene: Scene, kind: str, particles: Any) -> dict[str, Array]:
-    """Return temperature, and u without an energy equation: arrays of gas that the state does not have."""
+    """Return arrays of gas that the state lacks: the temperature, and u if there is no energy equation."""
     if kind != "gas" or scene.gas is None:
         return {}
     per_mass = particles.pressure / particles.density

@@ -1,4 +1,4 @@
-"""Reading of costs.csv, the CPU seconds of a run by effect (written by `run/costs.py`)."""
+"""Reading of costs.csv, a table of the CPU seconds of a run by effect (written by `run/costs.py`)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class CostsError(UserError):
 
 
 class Cost(NamedTuple):
-    """Calls, CPU seconds and share of the total of one effect."""
+    """A row of costs.csv: an effect, its calls and CPU seconds, and its fraction of the total CPU time."""
 
     effect: str
     calls: int
@@ -38,6 +38,7 @@ def read_costs(path: Path) -> list[Cost]:
 
 
 def _cost(path: Path, number: int, line: list[str]) -> Cost:
+    """Return line `number` of the file as a row. Raises CostsError."""
     try:
         effect, calls, seconds, share = line
         found = Cost(effect, int(calls), float(seconds), float(share))

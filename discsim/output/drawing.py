@@ -1,4 +1,4 @@
-"""Shared parts of figures: maps with colour bar, star, companions and scale bar, and axes with units."""
+"""Functions for all figures: maps with colour bar, star, companions and scale bar, and axes with units."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter, NullLocator
 
 from discsim.output.bins import RINGS, range_of_mass
-from discsim.output.fields.base import WRITTEN, Field
+from discsim.output.fields.base import UNIT_TEXT, Field
 from discsim.output.fields.values import Window, has_centre, in_rings
 from discsim.parts import FIELDS
 from discsim.printable import printable
@@ -29,13 +29,13 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 DOLLAR = re.compile(r"(?<!\\)\$")  # a dollar sign that begins or ends mathematics
-WIDEST = 2000.0  # points, largest width of a line with mathematics: wider lines may exhaust the memory
+MAX_TEXT_WIDTH = 2000.0  # largest width in points of a line with mathematics; wider lines may exhaust the memory
 
 # Colours of Okabe & Ito (2008), which colour-blind readers can distinguish; line styles for print without colour.
 COLOURS = {"gas": "#0072B2", "dust": "#D55E00", "small_dust": "#009E73"}
 STYLES = {"gas": "-", "dust": "-", "small_dust": "--"}
 PIXELS = 480
-PLAIN = (1e-4, 1e5)  # range of numbers that are written without a power of ten
+PLAIN_RANGE = (1e-4, 1e5)  # range of numbers that are written without a power of ten
 
 # Layout in inches. Fixed positions of axes: matplotlib's automatic layout takes longer than drawing.
 LEFT, RIGHT, BELOW, TITLE = 0.85, 0.25, 0.55, 0.9  # space next to and below axes, and for titles
@@ -44,31 +44,31 @@ BAR = (0.08, 0.2)  # distance and width of a colour bar
 
 
 def figure_text(text: str) -> str:
-    """Return a user's text for a figure; dollars are escaped unless they enclose mathematics that matplotlib reads."""
+    """Return a user's text for a figure; dollar signs are escaped if matplotlib cannot typeset them as mathematics."""
     line = printable(text)
-    if not DOLLAR.search(line) or (len(DOLLAR.findall(line)) % 2 == 0 and _typesets(line)):
+    if not DOLLAR.search(line) or (len(DOLLAR.findall(line)) % 2 == 0 and _can_typeset(line)):
         return line
     return DOLLAR.sub(r"\\$", line)
 
 
-def _typesets(line: str) -> bool:
+def _can_typeset(line: str) -> bool:
     """Return whether matplotlib can typeset a line with mathematics in a reasonable size."""
     try:
         width, height, *_ = MathTextParser("path").parse(line)
     except Exception:  # matplotlib may raise anything for a user's text
         return False
-    return max(width, height) < WIDEST
+    return max(width, height) < MAX_TEXT_WIDTH
 
 
 def in_units(snap: Snapshot, dimension: str) -> tuple[float, str]:
-    """Return the factor from code units to the unit of axes for a dimension, and the unit in brackets."""
-    plain = Field("particles", "", np.asarray, dimension, "")
-    unit = plain.shown_unit(snap.units)
-    return plain.factor(snap.units), f" [{WRITTEN.get(unit, unit)}]" if unit else ""
+    """Return, for a physical dimension, the factor from code units to the unit of axes, and that unit in brackets."""
+    plain_field = Field("particles", "", np.asarray, dimension, "")
+    unit = plain_field.shown_unit(snap.units)
+    return plain_field.factor(snap.units), f" [{UNIT_TEXT.get(unit, unit)}]" if unit else ""
 
 
 def axes_at(figure: Figure, left: float, bottom: float, width: float, height: float) -> Axes:
-    """Return new axes with the lower left corner at (left, bottom); all lengths in inches."""
+    """Return new axes at a fixed position; (left, bottom) is their lower left corner. All lengths are in inches."""
     across, up = figure.get_size_inches()
     axes = figure.add_axes((left / across, bottom / up, width / across, height / up))
     axes.ticklabel_format(useOffset=False, scilimits=(-3, 4))  # keeps tick labels narrow
@@ -76,10 +76,10 @@ def axes_at(figure: Figure, left: float, bottom: float, width: float, height: fl
 
 
 def norm_of(pictures: Iterable[Picture]) -> Normalize:
-    """Return the shared colour range of pictures of one field.
+    """Return one colour range for several pictures of a field.
 
-    For densities and intensities see `range_of_mass`; other fields use the quantiles 0.5% to 99.5%, symmetric about
-    0 for signed fields.
+    For densities and intensities it is that of `range_of_mass`. For other fields it contains the values between the
+    quantiles 0.5% and 99.5%, and is symmetric about 0 if the field is signed.
     """
     pictures = list(pictures)
     field, values = pictures[0].field, np.concatenate([picture.values.ravel() for picture in pictures])
@@ -97,8 +97,8 @@ def norm_of(pictures: Iterable[Picture]) -> Normalize:
     if field.scale == "log" and high > 1.5 * low:
         return LogNorm(low, high, clip=True)
     # A nearly uniform field gets a margin of 5% on either side.
-    room = max(0.05 * abs(high), 1e-300) if high - low < 0.05 * abs(high) else 0.0
-    return Normalize(low - room, high + room, clip=True)
+    margin = max(0.05 * abs(high), 1e-300) if high - low < 0.05 * abs(high) else 0.0
+    return Normalize(low - margin, high + margin, clip=True)
 
 
 Mark = tuple[float, float, bool]  # x and y in the units of axes, and whether the mark is the star
@@ -106,10 +106,11 @@ Mark = tuple[float, float, bool]  # x and y in the units of axes, and whether th
 
 @dataclass(frozen=True)
 class Picture:
-    """Values [y, x] of a field between edges of x and y, in the units of axes.
+    """Values [y, x] of a field `name` to draw as a picture, in the units of axes.
 
-    `marks` are the positions of star and companions. `scale` is the number of axis units per au (or per code unit)
-    of a map; None for pictures with different units on the two axes.
+    `x` and `y` are the first and last edge, or all edges, of the pixels along each axis. `marks` are the positions of
+    star and companions. `scale` is the number of axis units per au (or per code unit of length) for a map in x and y,
+    and None if the axes have different units.
     """
 
     snap: Snapshot
@@ -132,21 +133,21 @@ class Picture:
         return self.field.text(self.snap.units)
 
 
-def map_picture(binned: Binned, name: str, window: Window, sky: float | None = None) -> Picture:
-    """Return the picture of a field on the pixels of a window; `sky` is the arcsec per au for axes in arcsec."""
+def map_picture(binned: Binned, name: str, window: Window, arcsec_per_au: float | None = None) -> Picture:
+    """Return the picture of a field on the pixels of a window; with `arcsec_per_au`, axes are in arcsec."""
     snap, field = binned.snap, FIELDS[name]
     length, unit = in_units(snap, "length")
-    length, unit = (length, unit) if sky is None else (length * sky, " [arcsec]")
+    length, unit = (length, unit) if arcsec_per_au is None else (length * arcsec_per_au, " [arcsec]")
     values = field.factor(snap.units) * binned[name].T
     x, y = (length * np.array([low, high]) for low, high in zip(*window, strict=True))
-    at = sky or 1.0
-    marks = [(at * mx, at * my, star) for mx, my, star in bodies(snap)]
+    at = arcsec_per_au or 1.0
+    marks = [(at * mx, at * my, star) for mx, my, star in body_marks(snap)]
     inside = [mark for mark in marks if x[0] <= mark[0] <= x[1] and y[0] <= mark[1] <= y[1]]
     return Picture(snap, name, values, x, y, (f"x{unit}", f"y{unit}"), inside, at)
 
 
 def draw(axes: Axes, picture: Picture, norm: Normalize, colours: str | None = None, bar: str | None = None) -> None:
-    """Draw a picture and its colour bar; `bar` replaces the label of the colour bar."""
+    """Draw a picture and its colour bar; `colours` is a colour map, `bar` a label, to replace those of the field."""
     values, x, y = picture.values, picture.x, picture.y
     if isinstance(norm, LogNorm) and picture.field.kind == "density" and bar is None:
         values = np.maximum(values, 1e-300)  # empty pixels get the lowest colour
@@ -165,8 +166,8 @@ def draw(axes: Axes, picture: Picture, norm: Normalize, colours: str | None = No
     colour_bar(axes, shown, picture.text if bar is None else bar)
 
 
-def bodies(snap: Snapshot) -> list[Mark]:
-    """Return the star and companions as marks (x, y, is star), in the units of axes; [] without a centre."""
+def body_marks(snap: Snapshot) -> list[Mark]:
+    """Return the marks (x, y, is star) of star and companions, in the units of axes; [] if the run has no centre."""
     if not has_centre(snap):
         return []
     places = np.zeros((1, 2)) if snap.bodies is None else snap.bodies.pos
@@ -174,7 +175,7 @@ def bodies(snap: Snapshot) -> list[Mark]:
 
 
 def scale_bar(axes: Axes, picture: Picture) -> None:
-    """Draw a scale bar of a round length, at most 25% of the window, at the lower left of a drawn map."""
+    """Draw a scale bar at the lower left of a map that is drawn; its length is round, and at most 25% of the side."""
     left, right = picture.x
     side, unit = float(right - left), in_units(picture.snap, "length")[1].strip(" []")
     bar = round_number(0.25 * side / (picture.scale or 1.0))  # length in the disc, also if the axes are angles
@@ -198,27 +199,28 @@ def scale_bar(axes: Axes, picture: Picture) -> None:
 
 
 def round_number(most: float) -> float:
-    """Return the largest of ..., 1, 2, 5, 10, ... that is at most `most`."""
+    """Return the largest number of the series ..., 0.5, 1, 2, 5, 10, ... that is at most `most`."""
     power = 10.0 ** np.floor(np.log10(most))
     return float(power * max(n for n in (1.0, 2.0, 5.0) if n * power <= most * (1.0 + 1e-9)))
 
 
 def colour_bar(axes: Axes, image: Any, label: str) -> None:
     """Draw the colour bar of an image to the right of its axes."""
-    beside = axes.inset_axes((1.0 + BAR[0] / MAP, 0.0, BAR[1] / MAP, 1.0))
+    bar_axes = axes.inset_axes((1.0 + BAR[0] / MAP, 0.0, BAR[1] / MAP, 1.0))
     figure = axes.figure
     assert isinstance(figure, Figure)
-    figure.colorbar(image, cax=beside, label=label)
+    figure.colorbar(image, cax=bar_axes, label=label)
     if isinstance(image.norm, LogNorm):
-        log_ticks(beside.yaxis, image.norm.vmin, image.norm.vmax)
+        log_ticks(bar_axes.yaxis, image.norm.vmin, image.norm.vmax)
 
 
 def log_ticks(axis: Axis, low: float | None, high: float | None) -> None:
-    """Set plain numbers as ticks of a logarithmic axis; over two decades or less at 1, 2 and 5 times powers of ten.
+    """Label the ticks of a logarithmic axis with plain numbers, if all of them are short without a power of ten.
 
-    Typesetting powers of ten takes longer than drawing the lines.
+    matplotlib takes longer to typeset powers of ten than to draw the lines. An axis over two decades or less gets
+    ticks at 1, 2 and 5 times powers of ten, or evenly spaced ticks over less than a factor of 4.
     """
-    if not low or not high or not (high <= 100.0 * low or PLAIN[0] <= low < high < PLAIN[1]):
+    if not low or not high or not (high <= 100.0 * low or PLAIN_RANGE[0] <= low < high < PLAIN_RANGE[1]):
         return
     if high > 100.0 * low:
         axis.set_minor_locator(LogLocator(subs=[2.0, 5.0]))
@@ -228,21 +230,23 @@ def log_ticks(axis: Axis, low: float | None, high: float | None) -> None:
             LogLocator(subs=[1.0, 2.0, 5.0]) if high > 4.0 * low else MaxNLocator(6, steps=[1, 2, 5, 10])
         )
         axis.set_minor_locator(NullLocator())
-    axis.set_major_formatter(FuncFormatter(lambda value, place: plain(value)))
+    axis.set_major_formatter(FuncFormatter(lambda value, place: number_text(value)))
 
 
-def plain(value: float) -> str:
-    """Return a number as short text, in mathtext if it needs a power of ten."""
-    if PLAIN[0] <= abs(value) < PLAIN[1] or value == 0:
+def number_text(value: float) -> str:
+    """Return a number as short text; a power of ten is written in mathtext."""
+    if PLAIN_RANGE[0] <= abs(value) < PLAIN_RANGE[1] or value == 0:
         return f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"
     power = int(np.floor(np.log10(abs(value))))
     return rf"${value / 10.0**power:.3g}\times10^{{{power}}}$"
 
 
-def points(snap: Snapshot, name: str) -> tuple[Array, Array]:
-    """Return positions and values of a field in 1D, in the units of axes: of particles, or of bins.
+def points_1d(snap: Snapshot, name: str) -> tuple[Array, Array]:
+    """Return positions (n,) and values (n,) of a field in 1D, in the units of axes.
 
-    A density is the stored density, or the mass between the fourth neighbours over their distance.
+    They are those of particles; for fields computed from other fields, those of bins. The density of a species is the
+    stored one if there is one. Other densities are the mass between the fourth neighbours on either side of a
+    particle, over their distance.
     """
     field = FIELDS[name]
     length, factor = in_units(snap, "length")[0], field.factor(snap.units)

@@ -1,4 +1,4 @@
-"""The figure of the last snapshot.
+"""The figure of the last snapshot that `discsim run` writes.
 
 In 2D it has maps, and radial profiles if the scene has a centre; in 1D density and velocity against x. Exact
 solutions are drawn as lines.
@@ -35,10 +35,10 @@ from discsim.output.drawing import (
     log_ticks,
     map_picture,
     norm_of,
-    points,
+    points_1d,
 )
 from discsim.output.fields.binned import Binned
-from discsim.output.fields.values import Window, centred, on_pixels, shown_window, smooth_profile, start_of
+from discsim.output.fields.values import Window, centred, default_window, on_pixels, smooth_profile, start_of
 from discsim.output.snapshot import Snapshot, read_snapshot
 from discsim.scene import load_scene
 from discsim.version import __version__
@@ -49,7 +49,7 @@ Array = np.ndarray
 def last_state_figure(snapshot_path: str | os.PathLike[str], out_png: str | os.PathLike[str]) -> None:
     """Draw the snapshot at `snapshot_path` to the PNG file `out_png`. Raises SnapshotError, OSError."""
     snap = read_snapshot(snapshot_path).about_centre()
-    figure = _lines(snap) if snap.dimensions == 1 else _maps(snap)
+    figure = _figure_1d(snap) if snap.dimensions == 1 else _figure_2d(snap)
     figure.suptitle(_title(snap))
     FigureCanvasAgg(figure)
     # Little compression: full compression takes as long as drawing.
@@ -63,64 +63,66 @@ def _title(snap: Snapshot) -> str:
     return f"{figure_text(snap.title)}\n{time}" if snap.title else time
 
 
-def _around(snap: Snapshot) -> str | None:
-    """Return the velocity component to draw against the distance from the middle of the box, or None.
+def _velocity_component(snap: Snapshot) -> str | None:
+    """Return the velocity component, such as "azimuthal", to draw against the distance from the middle of the box.
 
-    A start defines the component if the middle of the box is its centre.
+    None if the start of the run defines none, because the middle of the box is not its centre.
     """
     start = start_of(snap)
     return start.around if start is not None else None
 
 
-def _exact(snap: Snapshot, x: Array) -> dict[str, Curve]:
-    """Return exact curves (position, density, velocity) by species; {} for scenes without an exact solution."""
+def _exact_curves(snap: Snapshot, x: Array) -> dict[str, Curve]:
+    """Return exact curves (position, density, velocity) by species, for x (n,); {} without an exact solution."""
     start = start_of(snap)
     return start.curves(load_scene(snap.tables), snap.time, x) if start is not None and start.curves else {}
 
 
-def _maps(snap: Snapshot) -> Figure:
-    kinds, grains = snap.species, _of_grains(snap)
-    around = _around(snap)
+def _figure_2d(snap: Snapshot) -> Figure:
+    """Return the figure of a 2D snapshot: maps, and below them profiles."""
+    kinds, grains = snap.species, _grain_fields(snap)
+    around = _velocity_component(snap)
     below = 2 if around else int(centred(snap))
     # Colour bars of less than a decade have wide labels.
     width, rows = COLUMN * max(len(kinds), len(grains)) + (0.6 if grains else 0.2), ROW * below
     lower = BELOW + MAP + 0.4 if grains else 0.0  # space for the maps of grains
     figure = Figure(figsize=(width, rows + lower + BELOW + MAP + TITLE))
-    window = shown_window(snap)
+    window = default_window(snap)
     binned = on_pixels(snap, window, PIXELS)
     for column, kind in enumerate(kinds):
         axes = axes_at(figure, COLUMN * column + LEFT, rows + lower + BELOW, MAP, MAP)
-        _map(axes, binned, f"{kind}.surface_density", window)
+        _draw_map(axes, binned, f"{kind}.surface_density", window)
         axes.set_title(kind, y=1.0)  # fixed position: matplotlib's search for space takes longer than drawing
     for column, name in enumerate(grains):
-        _map(axes_at(figure, COLUMN * column + LEFT, rows + BELOW, MAP, MAP), binned, name, window)
+        _draw_map(axes_at(figure, COLUMN * column + LEFT, rows + BELOW, MAP, MAP), binned, name, window)
     if around:
-        _radial(_row(figure, 1), _row(figure, 0), snap, around == "azimuthal")
+        _draw_radial(_row_axes(figure, 1), _row_axes(figure, 0), snap, around == "azimuthal")
     elif centred(snap):
-        _profile(_row(figure, 0), snap, window[1][0] / 1.1)
+        _draw_profile(_row_axes(figure, 0), snap, window[1][0] / 1.1)
     return figure
 
 
-def _of_grains(snap: Snapshot) -> list[str]:
-    """Return the names of the maps of grains, if grains have individual sizes and some mass."""
+def _grain_fields(snap: Snapshot) -> list[str]:
+    """Return the names of the fields of grains to map; [] unless grains have individual sizes and some mass."""
     dust = snap.dust
     if dust is None or dust.size is None or not (dust.mass > 0).any():
         return []
     return [f"dust.{name}" for name in ("size", "stokes") if getattr(dust, name) is not None]
 
 
-def _map(axes: Axes, binned: Binned, name: str, window: Window) -> None:
+def _draw_map(axes: Axes, binned: Binned, name: str, window: Window) -> None:
     picture = map_picture(binned, name, window)
     draw(axes, picture, norm_of([picture]))
 
 
-def _row(figure: Figure, number: int) -> Axes:
-    """Return axes of a profile across the figure; rows are counted from below."""
+def _row_axes(figure: Figure, number: int) -> Axes:
+    """Return axes for a profile as wide as the figure, in row `number` from below."""
     wide = figure.get_size_inches()[0] - LEFT - RIGHT
     return axes_at(figure, LEFT, ROW * number + BELOW, wide, ROW - BELOW - 0.1)
 
 
-def _profile(axes: Axes, snap: Snapshot, outer: float) -> None:
+def _draw_profile(axes: Axes, snap: Snapshot, outer: float) -> None:
+    """Draw the surface density of each species against radius, up to the radius `outer`."""
     length, length_unit = in_units(snap, "length")
     density, density_unit = in_units(snap, "density")
     edges, binned = smooth_profile(snap, (0.0, outer))
@@ -141,10 +143,10 @@ def _profile(axes: Axes, snap: Snapshot, outer: float) -> None:
     axes.legend(frameon=False)
 
 
-def _radial(above: Axes, below: Axes, snap: Snapshot, turns: bool) -> None:
-    """Draw density and velocity against the distance from the middle, with the exact solution.
+def _draw_radial(above: Axes, below: Axes, snap: Snapshot, turns: bool) -> None:
+    """Draw density (`above`) and velocity (`below`) against the distance from the middle, with the exact solution.
 
-    The velocity is azimuthal if `turns`, else radial.
+    The velocity is the azimuthal component if `turns`, else the radial component.
     """
     scene: Any = load_scene(snap.tables)
     length, length_unit = in_units(snap, "length")
@@ -165,7 +167,7 @@ def _radial(above: Axes, below: Axes, snap: Snapshot, turns: bool) -> None:
         across = away[:, 0] * vel[:, 1] - away[:, 1] * vel[:, 0] if turns else (away * vel).sum(axis=1)
         below.plot(length * r, velocity * across / r, ".", ms=1, alpha=0.4, color=COLOURS[kind])
     x = np.linspace(0, outer, 1000)
-    _plot_exact(above, below, snap, x)
+    _draw_exact(above, below, snap, x)
     above.set(ylabel=rf"$\langle\Sigma\rangle${density_unit}", xlim=(0, outer * length), ylim=(0, None))
     name = "azimuthal" if turns else "radial"
     below.set(xlabel=f"r{length_unit}", ylabel=f"{name} velocity{velocity_unit}", xlim=(0, outer * length))
@@ -174,16 +176,16 @@ def _radial(above: Axes, below: Axes, snap: Snapshot, turns: bool) -> None:
     above.legend(frameon=False)
 
 
-def _plot_exact(above: Axes, below: Axes, snap: Snapshot, x: Array) -> None:
+def _draw_exact(above: Axes, below: Axes, snap: Snapshot, x: Array) -> None:
     """Draw exact densities and velocities at positions or distances x (n,)."""
     length, density, velocity = (in_units(snap, name)[0] for name in ("length", "density", "velocity"))
-    for kind, (at, rho, v) in _exact(snap, x).items():
+    for kind, (at, rho, v) in _exact_curves(snap, x).items():
         style: dict[str, Any] = {"color": "black", "lw": 0.8, "ls": {"gas": "-", "dust": "--"}[kind]}
         above.plot(length * at, density * rho, label=f"{kind}, exact", **style)
         below.plot(length * at, velocity * v, **style)
 
 
-def _lines(snap: Snapshot) -> Figure:
+def _figure_1d(snap: Snapshot) -> Figure:
     """Return the figure of a 1D snapshot: density and velocity of particles against x, with the exact solution."""
     figure = Figure(figsize=(8, 7))
     height = (7.0 - BELOW - TITLE) / 2
@@ -197,8 +199,8 @@ def _lines(snap: Snapshot) -> Figure:
         mobile = particles.immobile is None or ~particles.immobile
         ends += list(length * np.quantile(particles.pos[:, 0][mobile], [0, 1]))
         for axes, name in ((above, "surface_density"), (below, "v_x")):
-            axes.plot(*points(snap, f"{kind}.{name}"), ".", ms=3, color=COLOURS[kind], label=kind)
-    _plot_exact(above, below, snap, np.linspace(snap.lower[0], snap.upper[0], 1000))
+            axes.plot(*points_1d(snap, f"{kind}.{name}"), ".", ms=3, color=COLOURS[kind], label=kind)
+    _draw_exact(above, below, snap, np.linspace(snap.lower[0], snap.upper[0], 1000))
     above.set(ylabel=rf"$\rho${in_units(snap, 'density')[1]}")
     below.set(xlabel=f"x{length_unit}", ylabel=f"velocity{in_units(snap, 'velocity')[1]}")
     above.set_xlim(min(ends), max(ends))  # excludes the walls of immobile particles

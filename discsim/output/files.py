@@ -1,9 +1,9 @@
-"""Files that are complete or absent, also after a power cut.
+"""Atomic writing: after a crash or a power cut a file is either complete or absent.
 
 The content is synchronised to disk before the file is renamed, and the directory after the renaming.
 
-Only plain files are replaced or appended to. Directories, FIFOs, devices and symbolic links are refused: discsim did
-not create them, and writing through a link could replace a file elsewhere.
+Only plain files are replaced or appended to. Directories, FIFOs, devices and symbolic links raise OSError: discsim
+did not create them, and writing through a link could replace a file elsewhere.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from typing import Any
 
 from discsim.userfiles import kind_of
 
-PARTS = "parts"  # name of the folder for parts of snapshots and checkpoints (`parts.py`)
+PARTS = "parts"  # name of the folder for parts of snapshots and checkpoints (`output/parts.py`)
 MAIN = Path(__file__).parents[1] / "__main__.py"  # what `python -m discsim` runs
 
 
 def refuse_special(path: str | os.PathLike[str]) -> None:
-    """Raise OSError if `path` exists and is no plain file."""
+    """Raise OSError if `path` exists but is no plain file."""
     with suppress(FileNotFoundError):
         mode = os.lstat(path).st_mode
         if not stat.S_ISREG(mode):
@@ -35,10 +35,10 @@ def refuse_special(path: str | os.PathLike[str]) -> None:
 
 @contextmanager
 def replace_atomically(path: str | os.PathLike[str], ending: str = "", before: Path | None = None) -> Iterator[Path]:
-    """Yield a temporary path, which is renamed to `path` when the block ends without an exception.
+    """Yield a temporary path to write to; rename it to `path` when the block ends without an exception.
 
     `ending` is the suffix of the temporary name, for libraries that choose a format by the suffix. An existing file
-    is replaced, or renamed to `before`. Raises OSError if `path` or `before` exists and is no plain file.
+    at `path` is replaced, or renamed to `before`. Raises OSError if `path` or `before` exists but is no plain file.
     """
     path = Path(path)
     for target in (path, *([before] if before is not None else [])):
@@ -59,7 +59,7 @@ def replace_atomically(path: str | os.PathLike[str], ending: str = "", before: P
 
 
 def appended(path: str | os.PathLike[str], buffering: int = -1) -> Any:
-    """Open a plain file of bytes for appending. Raises OSError for any other kind."""
+    """Open a plain file for appending bytes. Raises OSError for any other kind of file."""
     refuse_special(path)
     return Path(path).open("ab", buffering)
 
@@ -86,7 +86,7 @@ def keep(path: Path) -> None:
 
 
 def command() -> str:
-    """Return the command line of this process, quoted for a shell."""
+    """Return the command line of this process, quoted for a shell, with the program as "discsim"."""
     program, *arguments = sys.argv or [""]
     ours = Path(program).name == "discsim" or Path(program) == MAIN
     return shlex.join(["discsim" if ours else program, *arguments])

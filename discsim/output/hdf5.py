@@ -1,7 +1,8 @@
-"""HDF5 files that are complete or absent, verified after writing, with checksums against later bit errors.
+"""Writing of HDF5 files atomically and with checksums, and checked reading of HDF5 files of unknown origin.
 
-Arrays carry a fletcher32 checksum; the format of HDF5 1.10 has checksums for everything else (attributes, indices).
-Rows of particles may be divided among several files (`parts.py`).
+A file is complete or absent, and is compared with the data after writing. Arrays have a fletcher32 checksum; the
+format of HDF5 1.10 has checksums for everything else (attributes, indices). A master file has no particle rows of
+its own: virtual datasets refer to rows in other files, its parts (`parts.py`).
 """
 
 from __future__ import annotations
@@ -30,21 +31,21 @@ from discsim.version import __version__
 _CHUNK = 1 << 16  # rows per chunk; HDF5 reads and checks whole chunks
 _BLOCK = 1 << 24  # bytes per block when a file is verified
 ALL = slice(None)
-_SEAL = b"\ndiscsim: sha256 of all before this line "  # before the digest at the end of the file, which HDF5 ignores
+_DIGEST_MARK = b"\ndiscsim: sha256 of all before this line "  # precedes the digest, at the end; HDF5 ignores both
 UNCOMPRESSED = {h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32}
-DEFLATED = 1100  # largest compression ratio, above the maximum of deflate
+MAX_COMPRESSION = 1100  # largest accepted compression ratio; the deflate algorithm reaches 1032
 LARGEST_CHUNK, LARGEST_ATTRIBUTE = 1 << 24, 1 << 20  # bytes
-HOLLOW = 1000  # largest ratio of a file's size to its blocks on disk
-NAMES, MADE = "parts", "made"  # attributes: names of a master's parts; text shared by a master and its parts only
+MAX_SPARSENESS = 1000  # largest accepted ratio of a file's size to its space on disk, against sparse files
+PART_NAMES, FILE_ID = "parts", "made"  # attributes: names of a master's parts; unique text in a master and its parts
 
 
 @contextmanager
 def create(path: str | os.PathLike[str], before: Path | None = None) -> Iterator[h5py.File]:
-    """Yield a new file that appears at `path` when the block ends; after an exception an existing file stays.
+    """Yield a new file in memory; when the block ends without an exception, write it to `path`.
 
-    The file is built in memory and then written, because HDF5 may crash on a full disk. An existing file is
-    replaced, or renamed to `before`. Raises OSError if writing fails, or if the disk returns other bytes than those
-    written.
+    HDF5 may crash on a full disk, so it does not write to the disk itself. An existing file at `path` is replaced,
+    or renamed to `before`; after an exception it is unchanged. Raises OSError if writing fails, or if the bytes on
+    disk differ from those written.
     """
     content = io.BytesIO()
     with new(content) as file:
@@ -64,25 +65,25 @@ def write_verified(path: str | os.PathLike[str], content: io.BytesIO, before: Pa
             plain.write(content.getbuffer())
             plain.flush()
             os.fsync(plain.fileno())
-        if not _holds(temporary, np.frombuffer(content.getbuffer(), np.uint8)):
+        if not _has_bytes(temporary, np.frombuffer(content.getbuffer(), np.uint8)):
             raise OSError(errno.EIO, "the file on disk differs from the data written", str(path))
 
 
-def seal(content: io.BytesIO) -> None:
-    """Append a SHA-256 digest of a file in memory.
+def append_digest(content: io.BytesIO) -> None:
+    """Append its SHA-256 digest to a file in memory.
 
-    HDF5 has no checksum for the source names of virtual datasets, and may crash on a bit error there.
+    HDF5 has no checksum for the file names in virtual datasets, and may crash on a bit error in them.
     """
     digest = hashlib.sha256(content.getbuffer()).digest()
     content.seek(0, os.SEEK_END)
-    content.write(_SEAL + digest)
+    content.write(_DIGEST_MARK + digest)
 
 
-def _check_seal(file: IO[bytes]) -> None:
-    """Raise OSError if a file's digest does not match; files without a digest pass."""
-    length = file.seek(0, os.SEEK_END) - len(_SEAL) - hashlib.sha256().digest_size
+def _check_digest(file: IO[bytes]) -> None:
+    """Raise OSError if a file has a digest at its end that does not match its content."""
+    length = file.seek(0, os.SEEK_END) - len(_DIGEST_MARK) - hashlib.sha256().digest_size
     file.seek(max(length, 0))
-    if file.read(len(_SEAL)) != _SEAL:
+    if file.read(len(_DIGEST_MARK)) != _DIGEST_MARK:
         return
     digest = file.read()
     file.seek(0)
@@ -90,31 +91,31 @@ def _check_seal(file: IO[bytes]) -> None:
         raise OSError("its checksum is wrong")
 
 
-def _holds(path: Path, content: np.ndarray) -> bool:
-    """Return whether the file at `path` has the bytes `content`; the system's file cache is bypassed if possible."""
-    place = 0
+def _has_bytes(path: Path, content: np.ndarray) -> bool:
+    """Return whether the file at `path` has the bytes `content`, read from disk instead of the cache if possible."""
+    position = 0
     with path.open("rb") as file:
         if hasattr(os, "posix_fadvise"):
             os.posix_fadvise(file.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
         while block := file.read(_BLOCK):
-            if not np.array_equal(np.frombuffer(block, np.uint8), content[place : place + len(block)]):
+            if not np.array_equal(np.frombuffer(block, np.uint8), content[position : position + len(block)]):
                 return False
-            place += len(block)
-    return place == len(content)
+            position += len(block)
+    return position == len(content)
 
 
 class CheckedDataset:
-    """A dataset of numbers of one type, with all its rows in this file or in its parts.
+    """A dataset of unknown origin, checked: numbers or truth values, with rows in this file or in the file's parts.
 
-    Raises EntryError for any other dataset: external storage, rows without content, or more rows or larger chunks
-    than the file has space for.
+    `kinds` are the allowed dtype kinds of numpy, `row_shape` is the shape of a row (None: any shape). Raises EntryError
+    for another type or shape, external storage, chunks that are too large, or rows that do not fit the file's size.
     """
 
-    def __init__(self, stored: h5py.Dataset, name: str, kinds: str, ends: tuple[int, ...] | None) -> None:
+    def __init__(self, stored: h5py.Dataset, name: str, kinds: str, row_shape: tuple[int, ...] | None) -> None:
         self._stored, self.name, shape = stored, name, stored.shape
-        if shape is None or len(shape) == 0 or (ends is not None and shape[1:] != ends):
-            wanted = ", ".join(map(str, ("n", *(ends or ()))))
-            raise EntryError(f"{name} has shape {shape}; expected ({wanted}{',' if not ends else ''})")
+        if shape is None or len(shape) == 0 or (row_shape is not None and shape[1:] != row_shape):
+            wanted = ", ".join(map(str, ("n", *(row_shape or ()))))
+            raise EntryError(f"{name} has shape {shape}; expected ({wanted}{',' if not row_shape else ''})")
         self.dtype, self.shape = stored.dtype, tuple(map(int, shape))
         if self.dtype.kind not in kinds or self.dtype.subdtype is not None:
             wanted = "numbers" if "f" in kinds else "truth values" if kinds == "b" else "whole numbers"
@@ -124,20 +125,20 @@ class CheckedDataset:
                 f"{name} is stored in other files ({clipped(stored.external[0][0])}); expected its rows in this file"
             )
         if not stored.is_virtual:
-            self._check_room()
+            self._check_size()
 
     def __len__(self) -> int:
         return self.shape[0]
 
-    def _check_room(self) -> None:
-        """Raise EntryError if the declared rows do not fit the bytes in the file."""
+    def _check_size(self) -> None:
+        """Raise EntryError if the rows need more bytes than the file has, or if a chunk is too large."""
         stored, size = self._stored, math.prod(self.shape) * self.dtype.itemsize
-        creation, room = stored.id.get_create_plist(), stored.id.get_storage_size()
+        creation, stored_size = stored.id.get_create_plist(), stored.id.get_storage_size()
         filters = {creation.get_filter(number)[0] for number in range(creation.get_nfilters())}
-        most = room if filters <= UNCOMPRESSED else DEFLATED * room
-        if size > most or room > Path(stored.file.filename).stat().st_size:
+        limit = stored_size if filters <= UNCOMPRESSED else MAX_COMPRESSION * stored_size
+        if size > limit or stored_size > Path(stored.file.filename).stat().st_size:
             raise EntryError(
-                f"{self.name} declares {len(self)} rows, {size} bytes, but the stored data has {room} bytes; "
+                f"{self.name} declares {len(self)} rows, {size} bytes, but the stored data has {stored_size} bytes; "
                 "expected the same size"
             )
         if stored.chunks and math.prod(stored.chunks) * self.dtype.itemsize > max(size, LARGEST_CHUNK):
@@ -152,12 +153,12 @@ class CheckedDataset:
 
         Rows of virtual datasets are read from the parts directly: HDF5 returns zeros for a lost part.
         """
-        out = self._from_parts(rows) if self._stored.is_virtual else np.asarray(self._stored[rows])
+        out = self._read_from_parts(rows) if self._stored.is_virtual else np.asarray(self._stored[rows])
         if out.dtype.kind == "b" and out.size and out.view(np.uint8).max() > 1:
             raise EntryError(f"{self.name} contains numbers other than 0 and 1; expected truth values")
         return out.astype(out.dtype.newbyteorder("="), copy=False)
 
-    def _from_parts(self, rows: slice) -> np.ndarray:
+    def _read_from_parts(self, rows: slice) -> np.ndarray:
         """Return rows of a virtual dataset from the files of its parts. Raises EntryError."""
         first, last, _ = rows.indices(len(self))
         out = np.empty((max(last - first, 0), *self.shape[1:]), self.dtype)
@@ -165,7 +166,7 @@ class CheckedDataset:
         parts = parts_of(master)
         if not parts:
             raise EntryError(f"{self.name} is virtual, and its file has no parts; expected its rows in this file")
-        made = master.text(MADE)
+        made = master.text(FILE_ID)
         path, end = self._stored.name, 0
         for source in self._stored.virtual_sources():
             begin = end
@@ -178,8 +179,8 @@ class CheckedDataset:
                 )
             one, other = max(first, begin), min(last, end)
             if one < other:
-                with _part(part, made) as held:
-                    found = held.at(path, self.dtype.kind, self.shape[1:])
+                with _open_part(part, made) as held:
+                    found = held.dataset_at(path, self.dtype.kind, self.shape[1:])
                     if len(found) != end - begin or found.dtype != self.dtype:
                         raise EntryError(f"part {part}: {path} has {len(found)} rows; expected {end - begin}")
                     out[one - first : other - first] = found.read(slice(one - begin, other - begin))
@@ -189,9 +190,9 @@ class CheckedDataset:
 
 
 class CheckedGroup:
-    """A group of a file of unknown origin; entries are read by name and checked for type and shape.
+    """A group in a file of unknown origin. Entries are read by name and checked for type and shape.
 
-    Links to other files or places are not followed. Raises EntryError for an unexpected entry.
+    Soft and external links are not followed. Reading a missing or unexpected entry raises EntryError.
     """
 
     def __init__(self, group: h5py.Group) -> None:
@@ -233,27 +234,27 @@ class CheckedGroup:
             raise EntryError(f"{self._name(name)} is not a group; expected a group")
         return CheckedGroup(found)
 
-    def dataset(self, name: str, kinds: str = "biuf", ends: tuple[int, ...] | None = None) -> CheckedDataset:
-        """Return the dataset `name`, of numpy kinds `kinds`, with rows of shape `ends` (None: any shape)."""
+    def dataset(self, name: str, kinds: str = "biuf", row_shape: tuple[int, ...] | None = None) -> CheckedDataset:
+        """Return the dataset `name`, with a dtype kind in `kinds` and rows of shape `row_shape` (None: any shape)."""
         found = self._child(name)
         if not isinstance(found, h5py.Dataset):
             raise EntryError(f"{self._name(name)} is not a dataset; expected a dataset")
-        return CheckedDataset(found, self._name(name), kinds, ends)
+        return CheckedDataset(found, self._name(name), kinds, row_shape)
 
-    def rows(self, name: str, count: int, kinds: str = "f", ends: tuple[int, ...] = ()) -> np.ndarray:
-        """Return the column `name`. Raises EntryError unless it has `count` rows."""
-        stored = self.dataset(name, kinds, ends)
+    def rows(self, name: str, count: int, kinds: str = "f", row_shape: tuple[int, ...] = ()) -> np.ndarray:
+        """Return the array `name` of `count` rows of shape `row_shape`. Raises EntryError for another length."""
+        stored = self.dataset(name, kinds, row_shape)
         if len(stored) != count:
             raise EntryError(f"{stored.name} has {len(stored)} rows; expected {count}, as the other columns")
         return stored.read()
 
-    def at(self, path: str, kinds: str, ends: tuple[int, ...]) -> CheckedDataset:
+    def dataset_at(self, path: str, kinds: str, row_shape: tuple[int, ...]) -> CheckedDataset:
         """Return the dataset at a path from the root of the file."""
         *groups, name = path.strip("/").split("/")
         held = self
         for each in groups:
             held = held.group(each)
-        return held.dataset(name, kinds, ends)
+        return held.dataset(name, kinds, row_shape)
 
     @property
     def attributes(self) -> list[str]:
@@ -312,22 +313,25 @@ def decoded(value: Any, name: str) -> str:
 
 @contextmanager
 def opened(path: str | os.PathLike[str]) -> Iterator[CheckedGroup]:
-    """Yield a regular file of unknown origin, open for reading.
+    """Open a regular HDF5 file of unknown origin for reading, and yield its root group.
 
     Raises OSError, and any exception of HDF5 for a damaged file.
     """
     with open_plain(path) as plain:
         there = os.fstat(plain.fileno())
-        if there.st_size > HOLLOW * max(getattr(there, "st_blocks", math.inf) * 512, _BLOCK):
+        if there.st_size > MAX_SPARSENESS * max(getattr(there, "st_blocks", math.inf) * 512, _BLOCK):
             raise OSError(errno.EINVAL, f"is shorter than the {there.st_size} bytes that it declares", os.fspath(path))
-        _check_seal(plain)
+        _check_digest(plain)
     with h5py.File(path, "r") as file:
         yield CheckedGroup(file)
 
 
 @contextmanager
 def reading(path: str | os.PathLike[str], error: type[Exception], kind: str) -> Iterator[CheckedGroup]:
-    """Yield the file at `path`, open for reading; any fault of the file raises `error` with a message."""
+    """Open a file of discsim of one `kind` for reading, and yield its root group.
+
+    Any fault of the file raises `error` with a message. A part that is missing is a fault too.
+    """
     try:
         with opened(path) as file:
             if "discsim" not in file.attributes or file.attribute("discsim") != np.bytes_(kind):
@@ -348,28 +352,28 @@ def reading(path: str | os.PathLike[str], error: type[Exception], kind: str) -> 
         raise error(f"{path}: not a {kind}, or a damaged {kind}: {_reason(fault)}") from fault
 
 
-def mark(file: h5py.File, kind: str) -> None:
-    """Write the kind of the file, and the version and command line of discsim, as attributes."""
+def write_provenance(file: h5py.File, kind: str) -> None:
+    """Write attributes: the kind of the file ("snapshot", "checkpoint"), and discsim's version and command line."""
     file.attrs["discsim"] = np.bytes_(kind)
     file.attrs["version"] = np.bytes_(__version__)
     file.attrs["command"] = np.bytes_(os.fsencode(command()))
 
 
-def put(group: h5py.Group, name: str, array: np.ndarray) -> h5py.Dataset:
-    """Store `array` as dataset `name`, bit for bit, with its checksum."""
+def write_array(group: h5py.Group, name: str, array: np.ndarray) -> h5py.Dataset:
+    """Store `array` bit for bit as the dataset `name`, with a checksum."""
     array = np.atleast_1d(array)
     chunk = (min(max(len(array), 1), _CHUNK), *(max(n, 1) for n in array.shape[1:]))
     shape = array.shape if array.size else None
     # HDF5 allows a chunk longer than the array only if the array can grow.
-    room = array.shape if shape else (None,) * array.ndim
-    return group.create_dataset(name, data=array, chunks=chunk, maxshape=room, fletcher32=True)
+    stored_size = array.shape if shape else (None,) * array.ndim
+    return group.create_dataset(name, data=array, chunks=chunk, maxshape=stored_size, fletcher32=True)
 
 
 def parts_of(file: CheckedGroup) -> list[Path]:
     """Return the paths of a master's parts; [] for an undivided file. Raises EntryError."""
-    if NAMES not in file.attributes:
+    if PART_NAMES not in file.attributes:
         return []
-    found = [os.fsdecode(name) for name in np.atleast_1d(file.attribute(NAMES)).tolist()]
+    found = [os.fsdecode(name) for name in np.atleast_1d(file.attribute(PART_NAMES)).tolist()]
     for name in found:
         folder, _, last = name.partition("/")
         if folder != files.PARTS or last in ("", ".", "..") or "/" in last or "\0" in last:
@@ -378,11 +382,14 @@ def parts_of(file: CheckedGroup) -> list[Path]:
 
 
 @contextmanager
-def _part(path: Path, made: str) -> Iterator[CheckedGroup]:
-    """Yield a part, open for reading. Raises OSError if it is damaged or belongs to another master."""
+def _open_part(path: Path, made: str) -> Iterator[CheckedGroup]:
+    """Open a part for reading, and yield its root group.
+
+    Raises OSError if it is damaged, or if its text FILE_ID differs from `made`: it then belongs to another master.
+    """
     try:
         with opened(path) as file:
-            if file.text(MADE) != made:
+            if file.text(FILE_ID) != made:
                 raise OSError("this part belongs to another snapshot or checkpoint")
             yield file
     except (OSError, LookupError, ValueError, RuntimeError) as fault:
@@ -390,7 +397,7 @@ def _part(path: Path, made: str) -> Iterator[CheckedGroup]:
 
 
 def _reason(fault: Exception) -> str:
-    """Return the first line of an error, printable; h5py's internal errors get a general text."""
+    """Return the first line of an error as printable text; internal errors of h5py get a general text."""
     if not isinstance(fault, OSError | EntryError):
         return "its contents cannot be read"
     line = (getattr(fault, "strerror", None) or str(fault)).partition("\n")[0]

@@ -1,7 +1,8 @@
-"""history.csv: totals against time, one row per step or per interval.
+"""Writing and reading of history.csv: totals over the particles against time, in code units.
 
-The totals are sums over the particles that move: momentum sum m v, angular momentum sum m (x v_y - y v_x) about the
-origin, and kinetic energy sum m v^2 / 2. Velocities are those at the time of the positions. Code units.
+The file has one row per step or per interval. Totals are sums over mobile particles: momentum sum m v, angular
+momentum sum m (x v_y - y v_x) about the origin, kinetic energy sum m v^2 / 2. Velocities and positions are at the
+same time.
 """
 
 from __future__ import annotations
@@ -40,14 +41,14 @@ COLUMNS = (
     "angular_momentum", "kinetic_gas", "kinetic_dust", "thermal", "potential", "accreted_gas",
     "accreted_dust", "uncoupled_dust", "accretion_rate_gas", "accretion_rate_dust", "radiated",
 )  # fmt: skip
-OF_GROWTH = ("mass_small", "accreted_small")  # small dust, if dust grows; the gas columns then exclude it
-LARGEST = 2**31  # largest size of a history in bytes
-WORDS = ("dt_set_by",)  # columns with text
+GROWTH_COLUMNS = ("mass_small", "accreted_small")  # columns with [growth]; columns of gas then exclude small dust
+MAX_BYTES = 2**31  # largest size of a history in bytes
+TEXT_COLUMNS = ("dt_set_by",)  # columns with text
 
 
 def columns_of(scene: Scene) -> tuple[str, ...]:
     """Return the columns of the history of a scene."""
-    return COLUMNS if scene.table("growth") is None else (*COLUMNS, *OF_GROWTH)
+    return COLUMNS if scene.table("growth") is None else (*COLUMNS, *GROWTH_COLUMNS)
 
 
 class HistoryError(UserError):
@@ -55,23 +56,23 @@ class HistoryError(UserError):
 
 
 class History:
-    """An open table with the given `columns`, the step first.
+    """A table, open for appending, with the given `columns`; the first column is the step.
 
-    It starts with `rows`, the rows up to a checkpoint, and replaces an existing file.
+    It replaces an existing file, and starts with `rows`, the rows up to the checkpoint of a resumed run.
     """
 
     def __init__(self, path: Path, rows: Sequence[Sequence[str]] = (), columns: Sequence[str] = COLUMNS) -> None:
-        self._digest = hashlib.sha256(_lines(rows).encode())
+        self._digest = hashlib.sha256(_csv_text(rows).encode())
         with replace_atomically(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-            file.write(_lines([columns, *rows]))
+            file.write(_csv_text([columns, *rows]))
         self._file = appended(path, buffering=0)
         self.count = len(rows)
         self.last: Sequence[object] | None = rows[-1] if rows else None
 
     def add(self, *rows: Sequence[object]) -> None:
-        """Append the rows of a step, unless the table has rows of this step already."""
+        """Append the rows of a step, unless the last row of the table is of the same step."""
         if rows and (self.last is None or rows[0][0] != int(str(self.last[0]))):
-            lines = _lines(rows).encode()
+            lines = _csv_text(rows).encode()
             self._append(lines)
             self._digest.update(lines)
             self.last = rows[-1]
@@ -83,14 +84,14 @@ class History:
         return self._digest.hexdigest()
 
     def _append(self, lines: bytes) -> None:
-        """Write lines to the file; if the disk is full, a partly written line is removed."""
-        whole, left = os.fstat(self._file.fileno()).st_size, memoryview(lines)
+        """Write lines to the file; after a failure, such as a full disk, remove what was written."""
+        size, left = os.fstat(self._file.fileno()).st_size, memoryview(lines)
         try:
             while left:
                 left = left[self._file.write(left) :]
         except OSError:
             with suppress(OSError):  # the first error is the one to report
-                self._file.truncate(whole)
+                self._file.truncate(size)
             raise
 
     def sync(self) -> None:
@@ -101,66 +102,72 @@ class History:
         self._file.close()
 
 
-class Found(NamedTuple):
-    """Rows of a history up to a checkpoint, and remarks on missing or dropped rows."""
+class RowsFound(NamedTuple):
+    """Rows of a history up to a checkpoint, and remarks on missing or removed rows."""
 
     rows: list[list[str]]
     remarks: list[str]
 
 
-def rows_until(path: Path, step: int, count: int, digest: str, columns: Sequence[str] = COLUMNS) -> Found:
-    """Return the first `count` rows, up to a checkpoint at `step`, or fewer if the file has fewer.
+def rows_until(path: Path, step: int, count: int, digest: str, columns: Sequence[str] = COLUMNS) -> RowsFound:
+    """Return the rows that a run wrote up to its checkpoint at `step`; later rows are left out.
 
-    `digest` is the checkpoint's digest of these rows; "" skips the comparison. Raises HistoryError if one of the
-    rows is damaged. Rows after the checkpoint are dropped: the resumed run writes them again.
+    `count` is the number of these rows according to the checkpoint; a file with fewer rows is accepted with a
+    remark. `digest` is the checkpoint's digest of the rows; "" skips the comparison. Raises HistoryError if the file
+    cannot be read, or if a row up to the checkpoint is damaged.
     """
-    cure = "Repair the file, or move it away to continue without its rows"
+    remedy = "Repair the file, or move it away to continue without its rows"
     try:
-        head, table, whole = _read(path, columns)
+        head, table, complete = _read(path, columns)
     except OSError as fault:
-        raise HistoryError(f"{system_message(fault, 'read', path)}. {cure}") from None
-    rows = [row for row in whole[:count] if int(row[0]) <= step]
-    line = len(whole) + 2 if head == [*columns] else 1
-    if len(rows) < count and len(whole) < len(table):
+        raise HistoryError(f"{system_message(fault, 'read', path)}. {remedy}") from None
+    rows = [row for row in complete[:count] if int(row[0]) <= step]
+    line = len(complete) + 2 if head == [*columns] else 1
+    if len(rows) < count and len(complete) < len(table):
         wrong = (
             f"not a row of history.csv; expected {len(columns)} entries"
             if line > 1
             else "not the header of history.csv"
         )
-        raise HistoryError(f"{path}:{line}: {wrong}. {cure}")
-    if len(whole) >= count and digest not in ("", hashlib.sha256(_lines(whole[:count]).encode()).hexdigest()):
-        raise HistoryError(f"{path}:2: the {count} rows from here on differ from those that the run wrote. {cure}")
+        raise HistoryError(f"{path}:{line}: {wrong}. {remedy}")
+    if len(complete) >= count and digest not in ("", hashlib.sha256(_csv_text(complete[:count]).encode()).hexdigest()):
+        raise HistoryError(f"{path}:2: the {count} rows from here on differ from those that the run wrote. {remedy}")
     remarks = []
     if len(rows) != count:
         remarks.append(f"{path} has {len(rows)} rows up to step {step}, but the run wrote {count}")
-    if len(whole) < len(table):
+    if len(complete) < len(table):
         remarks.append(f"{path}:{line}: an incomplete row after the checkpoint is removed; the run writes it again")
-    return Found(rows, remarks)
+    return RowsFound(rows, remarks)
 
 
-def _lines(rows: Iterable[Sequence[object]]) -> str:
+def _csv_text(rows: Iterable[Sequence[object]]) -> str:
+    """Return rows as CSV text."""
     text = io.StringIO()
     csv.writer(text).writerows(rows)
     return text.getvalue()
 
 
 def read_history(path: Path, scene: Scene) -> list[dict[str, str]]:
-    """Return the rows of a run of the scene as dicts by column, up to the first incomplete row."""
+    """Return the rows of a history.csv as dicts by column, up to the first incomplete row."""
     names = columns_of(scene)
     return [dict(zip(names, row, strict=True)) for row in _read(path, names)[2]]
 
 
 def _read(path: Path, columns: Sequence[str]) -> tuple[list[str], list[list[str]], list[list[str]]]:
-    """Return the header, the lines after it, and the complete rows among these, up to the first incomplete one."""
-    text = read_text(path, "replace", most=LARGEST) if path.exists() else ""
+    """Return the header, all lines after it, and the complete rows before the first incomplete one.
+
+    There are no complete rows if the header differs from `columns`.
+    """
+    text = read_text(path, "replace", most=MAX_BYTES) if path.exists() else ""
     head, *table = [line.split(",") for line in text.splitlines()] or [[]]
     return head, table, list(itertools.takewhile(partial(_is_row, columns), table)) if head == [*columns] else []
 
 
 def _is_row(columns: Sequence[str], entries: list[str]) -> bool:
+    """Return whether a line has an entry for each column, of the right type."""
     try:
         for name, entry in zip(columns, entries, strict=True):
-            if name not in WORDS:
+            if name not in TEXT_COLUMNS:
                 float(entry)
     except ValueError:
         return False
@@ -170,9 +177,10 @@ def _is_row(columns: Sequence[str], entries: list[str]) -> bool:
 def history_row(
     state: State, effects: Mapping[str, Effect], dt: float, dt_set_by: str, before: Sequence[object] | None = None
 ) -> list[object]:
-    """Return the row of a synchronised state, entries as in `columns_of`; `dt` is the length of the last step.
+    """Return the row of a synchronised state, with entries as in `columns_of`.
 
-    Accretion rates are means since the row `before`, or 0 without one.
+    `dt` is the length of the last step, `dt_set_by` the name of the limit that set it. `before` is the last row:
+    accretion rates are means since then, or 0 without one.
     """
     gas, dust = _totals(state.gas), _totals(state.dust)
     momentum = gas.momentum + dust.momentum
@@ -213,7 +221,7 @@ class _Totals(NamedTuple):
 def _totals(particles: Particles | None) -> _Totals:
     if particles is None:
         return _Totals(0.0, np.zeros(2), 0.0, 0.0)
-    free = _free(particles)
+    free = _mobile(particles)
     mass, pos, vel = particles.mass[free], particles.pos[free], particles.vel[free]
     plane = vel.shape[1] == 2
     spin = mass * (pos[:, 0] * vel[:, 1] - pos[:, 1] * vel[:, 0]) if plane else np.zeros_like(mass)
@@ -228,7 +236,7 @@ def _thermal(state: State) -> float:
     gas: Gas | None = state.gas
     if gas is None:
         return 0.0
-    free = _free(gas)
+    free = _mobile(gas)
     mass, density = gas.mass[free], gas.density[free]
     if gas.u is None and gas.small is not None:  # small dust adds mass but no pressure
         share = growth.gas_share(state.scene, gas)
@@ -241,7 +249,7 @@ def _radiated(gas: Gas | None) -> float:
     return 0.0 if gas is None or gas.radiated is None else total(gas.mass * gas.radiated)
 
 
-def _free(particles: Particles) -> Array | slice:
-    """Return the indices of the mobile particles: boundary particles of a shock tube are not part of the flow."""
+def _mobile(particles: Particles) -> Array | slice:
+    """Return a mask or slice of the mobile particles; totals exclude the boundary particles of a shock tube."""
     immobile = getattr(particles, "immobile", None)
     return slice(None) if immobile is None else ~immobile

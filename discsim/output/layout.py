@@ -1,4 +1,4 @@
-"""The HDF5 layout of SWIFT: names and dimensions of datasets, and the attributes that other tools read."""
+"""The HDF5 layout of SWIFT: datasets with their dimensions, and the attributes that other tools read."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Array = np.ndarray
 
 
 class Field(NamedTuple):
-    """Name, dimension and description of a dataset in the layout."""
+    """A dataset of the layout: its name, physical dimension and description."""
 
     dataset: str
     dimension: str  # a dimension of discsim.scene.units, "temperature", or "" for a plain number
@@ -63,14 +63,14 @@ BASES = ("U_M", "U_L", "U_t", "U_T", "U_I")
 
 
 def _exponents(units: Units, dimension: str) -> dict[str, float]:
-    """Return the exponents of the layout's five base units for a dimension."""
+    """Return the unit of a dimension as exponents of the five base units of the layout."""
     if dimension in PLAIN_UNITS:
         return dict.fromkeys(BASES, 0.0) | ({"U_T": 1.0} if dimension else {})
     return dict(zip(BASES, (*units.exponents(dimension), 0.0, 0.0), strict=True))
 
 
 def write_particles(file: h5py.File, kind: str, arrays: dict[str, Array], units: Units) -> None:
-    """Write the arrays of one kind of particles, sorted by ids, with units and descriptions."""
+    """Write the arrays of one kind of particles (a key of GROUPS), sorted by ids, with units and descriptions."""
     part, fields = GROUPS[kind]
     group = file.create_group(part)
     order = np.argsort(arrays["ids"], kind="stable")
@@ -80,7 +80,7 @@ def write_particles(file: h5py.File, kind: str, arrays: dict[str, Array], units:
             array = np.pad(array, ((0, 0), (0, 3 - array.shape[1])))
         if dataset == "Immobile":
             array = array.astype(np.uint8)
-        stored = hdf5.put(group, dataset, array)
+        stored = hdf5.write_array(group, dataset, array)
         if name not in fields:
             stored.attrs["Name"], stored.attrs["Dimension of discsim"] = np.bytes_(name), np.bytes_(dimension)
         exponents = _exponents(units, dimension)
@@ -95,7 +95,7 @@ def write_particles(file: h5py.File, kind: str, arrays: dict[str, Array], units:
 
 
 def _stored(arrays: dict[str, Any], fields: dict[str, Field]) -> Iterator[tuple[str, Array, Field]]:
-    """Yield (name, array, field) for the arrays of the layout and for columns of effects."""
+    """Yield (name, array, field) for the arrays in the layout, then for columns of effects from other packages."""
     yield from ((name, arrays[name], field) for name, field in fields.items() if name in arrays)
     for name, column in arrays.items():
         if isinstance(column, Column):
@@ -103,15 +103,15 @@ def _stored(arrays: dict[str, Any], fields: dict[str, Field]) -> Iterator[tuple[
 
 
 def other_columns(group: hdf5.CheckedGroup) -> dict[str, tuple[hdf5.CheckedDataset, str]]:
-    """Return the datasets of a kind that are not in the layout, with their dimensions, by column name."""
+    """Return, by column name, the datasets of effects from other packages and their dimensions."""
     others = (group.dataset(name) for name in group.names_with("Dimension of discsim"))
     return {stored.text("Name"): (stored, stored.text("Dimension of discsim")) for stored in others}
 
 
 def write_layout(file: h5py.File, scene: Scene, time: float, side: Array, held: dict[str, int]) -> None:
-    """Write the groups of the layout, with the attributes that at least one reader needs.
+    """Write the groups of the layout, with every attribute that some reader needs.
 
-    `side` is the size of the box (dimensions,), and `held` the particle number of each kind.
+    `side` (dimensions,) is the size of the box, `held` has the number of particles of each kind.
     """
     units, counts = scene.units, np.zeros(TYPES, np.int64)
     for kind, count in held.items():

@@ -1,8 +1,8 @@
-"""Quantities of a state between two steps that a snapshot lacks, so that a new run can continue from it.
+"""Additional data in a snapshot with which a new run continues the old one to rounding.
 
-Between steps, velocities and energies lack the closing half kick of a step (`run/integrators.py`). A snapshot shows
-them with that kick. A run continues without it, from the accelerations that viscosity and pressure have predicted
-for it, and from the initial guesses for each h. The number of the step shifts the cells of drag. Also stored are the
+A snapshot shows velocities and energies after the closing half kick of a step (`run/integrators.py`). The run itself
+continues without this kick: stored are its velocities and energies, the accelerations and rates predicted for the
+kick, and the first guess for each h. Also stored are the number of the step, which shifts the drag cells, the
 integration state of star and companions, and the clock of dust growth, which acts once in several steps.
 """
 
@@ -25,16 +25,17 @@ if TYPE_CHECKING:
 Array = np.ndarray
 GROUP = "OpenStep"
 KICKED = ("vel", "u", "kick_acc", "kick_rate")  # arrays that a kick changes or uses
-OF_BODIES = ("pos", "gained", "begun")
+BODY_ARRAYS = ("pos", "gained", "begun")
 
 
 @dataclass(frozen=True)
 class OpenStep:
     """State of a run between two steps.
 
-    `lag` is that of the state, 0 if the closing kick is made. `step` is the number of the step, counting also the
-    runs before. `arrays` holds by species (and "bodies") the arrays that the snapshot shows differently or lacks, in
-    the order of the ids. `pace` is that of the state.
+    `lag` is the time by which velocities and energies lag behind positions; 0 after the closing kick. `step` is the
+    number of steps, with those of earlier runs that this run continues. `arrays` has, by species (and "bodies") and
+    name, the arrays that differ from those of the snapshot or that it lacks, sorted by ids. `pace` is the clock of
+    dust growth (`State.pace`).
     """
 
     lag: float
@@ -46,8 +47,9 @@ class OpenStep:
 def open_step_of(state: State, together: bool) -> OpenStep:
     """Return the OpenStep of a state between two steps.
 
-    `together`: an effect kicks gas and dust together, so that two half kicks differ from one whole kick. Without
-    such an effect and without predicted accelerations, the closed velocities of the snapshot suffice, to rounding.
+    `together` is True if an effect kicks gas and dust together: two half kicks then differ from one whole kick.
+    Without such an effect and without predicted accelerations, a run can continue from the velocities after the
+    closing kick, to rounding; `lag` is then 0.
     """
     kicked = together or (state.gas is not None and state.gas.kick_acc is not None)
     lag = state.lag if kicked else 0.0
@@ -58,12 +60,12 @@ def open_step_of(state: State, together: bool) -> OpenStep:
         arrays[species] = {name: held[name][order] for name in (*names, "h_before") if name in held}
     if state.bodies is not None:
         held = state.bodies.arrays()
-        arrays["bodies"] = {name: held[name].copy() for name in (*OF_BODIES, *(names[:1]))}
+        arrays["bodies"] = {name: held[name].copy() for name in (*BODY_ARRAYS, *(names[:1]))}
     return OpenStep(lag, state.step + state.earlier, arrays, state.pace)
 
 
 def write(group: h5py.Group, step: OpenStep) -> None:
-    """Write an open step to the group of a snapshot."""
+    """Write an open step to a new group in `group` of a snapshot."""
     into = group.create_group(GROUP)
     into.attrs["lag"], into.attrs["step"] = step.lag, step.step
     if step.pace is not None:
@@ -71,13 +73,13 @@ def write(group: h5py.Group, step: OpenStep) -> None:
     for species, arrays in step.arrays.items():
         part = into.create_group(species)
         for name, array in arrays.items():
-            hdf5.put(part, name, array)
+            hdf5.write_array(part, name, array)
 
 
 def read(group: hdf5.CheckedGroup, counts: dict[str, int], dimensions: int, time: float) -> OpenStep | None:
-    """Return the open step of a snapshot with the given particle numbers by kind.
+    """Return the open step in a group of a snapshot; None if an earlier version of discsim wrote none.
 
-    None if an earlier version without open steps wrote the file. Raises EntryError.
+    `counts` are the particle numbers by kind, `time` is the time of the snapshot. Raises EntryError.
     """
     if GROUP not in group:
         return None
@@ -86,11 +88,11 @@ def read(group: hdf5.CheckedGroup, counts: dict[str, int], dimensions: int, time
     for species, count in counts.items():
         part = held.group(species)
         ends = {name: (dimensions,) if name in VECTORS else () for name in part.names}
-        arrays[species] = {name: part.rows(name, count, ends=ends[name]) for name in part.names}
+        arrays[species] = {name: part.rows(name, count, row_shape=ends[name]) for name in part.names}
         check_finite(species, arrays[species])
         check_ranges(species, arrays[species], populations=1, time=time)
-        if species == "bodies" and not {*OF_BODIES} <= arrays[species].keys():
-            raise EntryError(f"{GROUP} lacks arrays of the star and its companions; expected {', '.join(OF_BODIES)}")
+        if species == "bodies" and not {*BODY_ARRAYS} <= arrays[species].keys():
+            raise EntryError(f"{GROUP} lacks arrays of the star and its companions; expected {', '.join(BODY_ARRAYS)}")
     pace = Pace(*map(float, held.numbers("pace", (2,), finite=False))) if "pace" in held.attributes else None
     lag, step = held.number("lag"), held.whole("step")
     if lag < 0.0 or step < 0 or (pace is not None and not (pace.since >= 0.0 and pace.rate > 0.0)):

@@ -1,11 +1,13 @@
-"""Snapshots and checkpoints in parts: files in a folder "parts", each with a contiguous range of particle rows.
+"""Snapshots and checkpoints divided into parts, so that every rank writes its own particles.
 
-Next to the folder is a small master file with virtual datasets over these rows. It opens like a single file.
+Each part is a file in the folder "parts" with a contiguous range of particle rows. A small master file next to the
+folder has virtual datasets over the rows of all parts, and opens like a single file.
 
     snapshots/0003.h5   snapshots/parts/0003.0.h5   snapshots/parts/0003.1.h5 ...
 
-The master is renamed into place last. If a file replaces another, the names of its parts get a new number. Parts
-that no master names are removed: a killed run leaves superfluous parts at most.
+The parts are written first, and the master last. If the master replaces an older one, the new parts have other names
+than the old ones. A run that is killed can therefore leave only parts that no master refers to;
+`remove_unused_parts` removes them.
 """
 
 from __future__ import annotations
@@ -24,14 +26,17 @@ from discsim.output.files import PARTS, fsync_directory, replace_atomically
 from discsim.userfiles import copy_plain
 
 # Groups of snapshots and checkpoints whose arrays have one row per particle.
-DIVIDED = (
+DIVIDED_GROUPS = (
     "PartType0", "PartType3", "discsim/OpenStep/gas", "discsim/OpenStep/dust",
     "arrays/gas", "arrays/dust", "arrays/own_acc",
 )  # fmt: skip
 
 
-def stem_of(path: Path, before: Path | None) -> str:
-    """Return the first part of the names of a new file's parts, and create their folder. Raises OSError."""
+def create_stem(path: Path, before: Path | None) -> str:
+    """Create the folder of parts, and return the stem of the names of a new file's parts. Raises OSError.
+
+    If the file at `path` is replaced (`before` is not None), the stem ends in a number that no other part has.
+    """
     folder = path.parent / PARTS
     folder.mkdir(exist_ok=True)
     fsync_directory(path.parent)
@@ -42,30 +47,30 @@ def stem_of(path: Path, before: Path | None) -> str:
 
 
 class Part:
-    """Part number `number` of a new file at `path`; part 0 also provides the rest of the file for the master.
+    """Part `number` of a new master file at `path`. Part 0 also writes the master, with all data but particle rows.
 
-    `made` is a text that is unique to the file.
+    `stem` is from `create_stem`. `made` is a text unique to this master and its parts.
     """
 
     def __init__(self, path: Path, stem: str, number: int, made: str) -> None:
         self.folder, self.stem, self.made = path.parent / PARTS, stem, made
-        self.file = self._named(number)
+        self.file = self._path_of(number)
         self.lengths: dict[str, int] = {}  # rows here, by dataset
         self._rest = io.BytesIO()
 
-    def _named(self, number: int) -> Path:
+    def _path_of(self, number: int) -> Path:
         return self.folder / f"{self.stem}.{number}.h5"
 
     @contextmanager
     def create(self, path: str | os.PathLike[str], before: Path | None = None) -> Iterator[h5py.File]:
-        """Yield a file like `hdf5.create`: particle rows are written to this part, the rest is kept for the master."""
+        """Yield a file like `hdf5.create`; then write its particle rows to this part, keep the rest for the master."""
         content = io.BytesIO()
         with hdf5.new(content) as file:
             yield file
             with hdf5.new(self._rest) as rest:
-                _take_rest(file, rest)
-            self.lengths = {stored.name: len(stored) for stored in _divided(file)}
-            file.attrs["discsim"], file.attrs[hdf5.MADE] = np.bytes_("part of a file"), np.bytes_(self.made)
+                _move_undivided(file, rest)
+            self.lengths = {stored.name: len(stored) for stored in _divided_datasets(file)}
+            file.attrs["discsim"], file.attrs[hdf5.FILE_ID] = np.bytes_("part of a file"), np.bytes_(self.made)
         hdf5.write_verified(self.file, content)
 
     def join(self, path: Path, before: Path | None, lengths: Sequence[dict[str, int]]) -> None:
@@ -73,14 +78,14 @@ class Part:
 
         `lengths` has for each part the numbers of rows by dataset. Called for part 0 only.
         """
-        files = [self._named(number) for number in range(len(lengths))]
+        files = [self._path_of(number) for number in range(len(lengths))]
         with h5py.File(self._rest, "r+") as file:
             with h5py.File(self.file, "r") as first:
-                for stored in _divided(first):
-                    _join(file, stored, files, [length[stored.name] for length in lengths])
-            file.attrs[hdf5.NAMES] = [np.bytes_(os.fsencode(_beside(one))) for one in files]
-            file.attrs[hdf5.MADE] = np.bytes_(self.made)
-        hdf5.seal(self._rest)
+                for stored in _divided_datasets(first):
+                    _create_virtual(file, stored, files, [length[stored.name] for length in lengths])
+            file.attrs[hdf5.PART_NAMES] = [np.bytes_(os.fsencode(_relative_path(one))) for one in files]
+            file.attrs[hdf5.FILE_ID] = np.bytes_(self.made)
+        hdf5.append_digest(self._rest)
         hdf5.write_verified(path, self._rest, before)
 
     def discard(self) -> None:
@@ -89,52 +94,55 @@ class Part:
             self.file.unlink(missing_ok=True)
 
 
-def _beside(part: Path) -> str:
+def _relative_path(part: Path) -> str:
     """Return the path of a part relative to its master."""
     return f"{PARTS}/{part.name}"
 
 
-def _divided(file: h5py.File) -> Iterator[h5py.Dataset]:
+def _divided_datasets(file: h5py.File) -> Iterator[h5py.Dataset]:
     """Yield the datasets whose rows are divided among parts."""
-    for group in DIVIDED:
+    for group in DIVIDED_GROUPS:
         if group in file:
             yield from file[group].values()
 
 
-def _take_rest(group: h5py.Group, into: h5py.Group) -> None:
-    """Move attributes and all groups that are not divided into another file."""
+def _move_undivided(group: h5py.Group, into: h5py.Group) -> None:
+    """Move attributes and groups from a file to another; of groups in DIVIDED_GROUPS only the names."""
     for name, value in group.attrs.items():
         into.attrs[name] = value
     for name, item in list(group.items()):
-        if item.name[1:] in DIVIDED:
+        if item.name[1:] in DIVIDED_GROUPS:
             into.create_group(name)
-        elif any(path.startswith(f"{item.name[1:]}/") for path in DIVIDED):
-            _take_rest(item, into.create_group(name))
+        elif any(path.startswith(f"{item.name[1:]}/") for path in DIVIDED_GROUPS):
+            _move_undivided(item, into.create_group(name))
         else:
             group.copy(item, into, name)
             del group[name]
 
 
-def _join(file: h5py.File, stored: h5py.Dataset, files: Sequence[Path], lengths: Sequence[int]) -> None:
-    """Create the dataset of the master over the parts `files`; `stored` is the dataset of the first part."""
+def _create_virtual(file: h5py.File, stored: h5py.Dataset, files: Sequence[Path], lengths: Sequence[int]) -> None:
+    """Create a virtual dataset in the master over the rows in `files`, which have `lengths` rows each.
+
+    `stored` is the dataset in the first part; it determines name, type and attributes.
+    """
     wide = stored.shape[1:]
     if sum(lengths) == 0:
-        joined = hdf5.put(file, stored.name, np.empty((0, *wide), stored.dtype))
+        joined = hdf5.write_array(file, stored.name, np.empty((0, *wide), stored.dtype))
     else:
         layout, begin = h5py.VirtualLayout((sum(lengths), *wide), stored.dtype), 0
         for one, length in zip(files, lengths, strict=True):
             if length > 0:
-                layout[begin : begin + length] = h5py.VirtualSource(_beside(one), stored.name, (length, *wide))
+                layout[begin : begin + length] = h5py.VirtualSource(_relative_path(one), stored.name, (length, *wide))
             begin += length
         joined = file.create_virtual_dataset(stored.name, layout)
     for name, value in stored.attrs.items():
         joined.attrs[name] = value
 
 
-def tidy(folder: Path) -> None:
-    """Remove the parts that no file in `folder` names.
+def remove_unused_parts(folder: Path) -> None:
+    """Remove the parts that no master file in `folder` refers to.
 
-    Nothing is removed if one of the files cannot be read, as it may name any part.
+    Nothing is removed if a master cannot be read, because it may refer to any part.
     """
     parts = folder / PARTS
     if not parts.is_dir():
@@ -154,9 +162,10 @@ def tidy(folder: Path) -> None:
 
 
 def copy(path: Path, target: Path, to: Path, made: list[Path]) -> None:
-    """Copy a file to `to`, which is to become `target`, and its parts to the folder of parts next to `target`.
+    """Copy the file at `path` to `to`, and its parts to the folder of parts next to `target`.
 
-    New parts and their folder are appended to `made` before they are created, so that the caller can remove them.
+    The caller renames `to` to `target` later. Paths of new parts and their folder are appended to `made` before they
+    are created, so that the caller can remove them after a failure.
     """
     if (path.parent / PARTS).is_dir() and h5py.is_hdf5(path):
         with hdf5.opened(path) as file:

@@ -1,11 +1,11 @@
-"""A start from a snapshot of discsim: unchanged, refined or thinned, with any effects.
+"""The start `initial.kind = "snapshot"`: particles from a snapshot of an earlier run, also with other effects.
 
-The time of the new run starts at 0, or with `keep_time` at that of the snapshot; times of earlier events shift with
-it.
+The particles may be refined or thinned. The time of the new run starts at 0, or with `keep_time` at the time of the
+snapshot; stored times of earlier events are shifted accordingly.
 
 If only the start and the output of the scene differ, the new run continues the old one to rounding (`open_step.py`).
 With other physics it starts from the synchronised velocities in the snapshot, relative to the centre of the disc.
-Unchanged star and companions continue along their orbits; others start as in their tables.
+A star and companions with unchanged keys continue along their orbits; others start as in their tables.
 """
 
 from __future__ import annotations
@@ -40,18 +40,19 @@ if TYPE_CHECKING:
 snapshots = Lazy("discsim.output.snapshot")  # imports h5py
 growth = Lazy("discsim.physics.growth")
 Array = np.ndarray
-MOST = 1000  # largest factor of refining or thinning
-ORBIT = ("mass", "semi_major_axis", "eccentricity", "phase", "orbit")  # keys that identify a companion as unchanged
-SHELLS = 40  # rings of a preview
-SAME_RING = 1e-9  # relative difference of radii within a ring of a start
+MAX_FACTOR = 1000  # largest factor of refining or thinning
+ORBIT_KEYS = ("mass", "semi_major_axis", "eccentricity", "phase", "orbit")  # keys of a companion that set its orbit
+MAX_RINGS = 40  # largest number of rings for the preview (`discsim check`)
+SAME_RING = 1e-9  # particles on a ring of a quiet start have the same radius, to this relative difference
 
 
 @dataclass(frozen=True)
 class SnapshotFile(InputFile):
-    """A snapshot as an input file, with the numbers that validation needs.
+    """A snapshot as an input file, with the numbers that validation of a scene needs.
 
-    `gas` is the number of gas particles (0: none), `dust` that of each dust population; `holds_heat`: gas has an
-    internal energy u. `time` is in code units of the scene that names the file, `time_words` the same time as text.
+    `gas` is the number of gas particles, `dust` the number of particles of each dust population. `holds_heat` is
+    True if the gas has an internal energy u. `time` is the snapshot's time in code units of the scene that gives the
+    file, `time_words` the same time as text.
     """
 
     gas: int = field(default=0, compare=False)
@@ -66,13 +67,13 @@ class SnapshotFile(InputFile):
 
 @lru_cache(maxsize=1)
 def _snapshot(file: SnapshotFile) -> Snapshot:
-    """Return the snapshot of a file; the last one is cached."""
+    """Read a snapshot; the snapshot read last is cached."""
     found: Snapshot = snapshots.read_snapshot(file.path)
     return found
 
 
-def _read(value: Any, info: ValidationInfo) -> SnapshotFile:
-    """Return the snapshot that a scene names. Raises a `fault` if it is unreadable."""
+def _validated_file(value: Any, info: ValidationInfo) -> SnapshotFile:
+    """Return `initial.file` of a scene as a SnapshotFile. Raises a `fault` if it cannot be read."""
     found = InputFile.read(value, info)
     try:
         snap = _snapshot(SnapshotFile(found.path, found.digest))
@@ -80,7 +81,7 @@ def _read(value: Any, info: ValidationInfo) -> SnapshotFile:
         raise fault(f"{error}; expected a snapshot of discsim") from None
     tables = snap.tables.get("dust", [])
     populations = len(tables) if isinstance(tables, list) else 1
-    numbers = () if snap.dust is None else np.bincount(_populations(snap.dust), minlength=populations)
+    numbers = () if snap.dust is None else np.bincount(_population_of(snap.dust), minlength=populations)
     heat = snap.gas is not None and snap.gas.u is not None
     gas = snap.gas.count if snap.gas is not None else 0
     units = (info.context or {}).get("units", snap.units)
@@ -93,14 +94,14 @@ KIND: Final = "snapshot"
 
 
 class FromSnapshot(Table):
-    """A snapshot of a run, also with other effects. It may be refined or thinned. Time starts at 0, or at its time."""
+    """Particles of a snapshot, perhaps refined or thinned. Time starts at 0, or at the time of the snapshot."""
 
     kind: Literal["snapshot"] = KIND
-    file: Annotated[Any, BeforeValidator(_read), Words("path of a snapshot, relative to the scene's folder")] = Field(
-        description="snapshot whose particles the run starts with; the scene's particle numbers are not used"
-    )
-    refine: Count = Field(1, ge=1, le=MOST, description="number of particles that replace each particle")
-    thin: Count = Field(1, ge=1, le=MOST, description="number of particles merged into one")
+    file: Annotated[
+        Any, BeforeValidator(_validated_file), Words("path of a snapshot, relative to the scene's folder")
+    ] = Field(description="snapshot whose particles the run starts with; the scene's particle numbers are not used")
+    refine: Count = Field(1, ge=1, le=MAX_FACTOR, description="number of particles that replace each particle")
+    thin: Count = Field(1, ge=1, le=MAX_FACTOR, description="number of particles merged into one")
     reference_radius: Length = Field(1.0, gt=0, description="radius at which values of power laws hold")
     keep_time: bool = Field(False, description="start at the time of the snapshot instead of t = 0")
 
@@ -125,24 +126,25 @@ def particles(scene: Scene) -> dict[str, dict[str, Array]]:
         held = getattr(snap, name)
         if getattr(scene, name) is None or held is None:
             continue
-        arrays = _in_code(scene, name, held)
+        arrays = _arrays_in_code_units(scene, name, held)
         if "small" in arrays:
-            arrays = _as_carried(scene, snap, arrays)
+            arrays = _with_mass_of_drag(scene, snap, arrays)
         groups = [arrays]
         if start.thin > 1 or start.refine > 1:
             groups = []
             for k in range(len(scene.dust or ()) if name == "dust" else 1):
-                rows = np.flatnonzero(_populations(held) == k)
+                rows = np.flatnonzero(_population_of(held) == k)
                 group = {key: values[rows] for key, values in arrays.items()}
                 groups.append(refined(thinned(group, start.thin), start.refine))
         out[name] = {key: np.concatenate([group[key] for group in groups]) for key in arrays}
     return out
 
 
-def _as_carried(scene: Scene, snap: Snapshot, gas: dict[str, Array]) -> dict[str, Array]:
-    """Return gas with the mass of small dust added or removed if the direction of drag differs from the snapshot's.
+def _with_mass_of_drag(scene: Scene, snap: Snapshot, gas: dict[str, Array]) -> dict[str, Array]:
+    """Return the arrays of gas with particle masses as the scene defines them.
 
-    With two-way drag, particle masses include small dust; with one-way drag they do not.
+    With two-way drag, masses of gas particles include small dust; with one-way drag they do not. If the directions
+    of drag of snapshot and scene differ, the mass of small dust is added or removed.
     """
     was = snap.tables["drag"].get("direction") != "one-way"
     if was == growth.small_dust_in_mass(scene):
@@ -150,13 +152,16 @@ def _as_carried(scene: Scene, snap: Snapshot, gas: dict[str, Array]) -> dict[str
     return loaded(gas, 1.0 if growth.small_dust_in_mass(scene) else -1.0)
 
 
-def _populations(held: SnapshotParticles) -> Array:
-    """Return the population of each dust particle, (n,) integers."""
+def _population_of(held: SnapshotParticles) -> Array:
+    """Return the index (n,) of the population of each dust particle; 0 if the snapshot stores none."""
     return np.zeros(held.count, np.int64) if held.species is None else held.species.astype(np.int64)
 
 
-def _in_code(scene: Scene, name: str, held: SnapshotParticles) -> dict[str, Array]:
-    """Return the arrays of a start in code units of the scene; without conversion if the units are equal."""
+def _arrays_in_code_units(scene: Scene, name: str, held: SnapshotParticles) -> dict[str, Array]:
+    """Return the arrays of a species ("gas", "dust") that the start uses, in code units of the scene.
+
+    If scene and snapshot have the same units, the values are copied bit for bit.
+    """
     keys = ["pos", "vel", "mass", "immobile"]
     keys += (
         ["species", *(["size"] if own_sizes(scene) else [])]
@@ -165,7 +170,7 @@ def _in_code(scene: Scene, name: str, held: SnapshotParticles) -> dict[str, Arra
     )
     arrays = {key: getattr(held, key) for key in keys if getattr(held, key) is not None}
     if name == "dust":
-        arrays["species"] = _populations(held)
+        arrays["species"] = _population_of(held)
     if name == "gas" and scene.table("growth") is None:
         arrays.pop("small", None)
     if held.units == scene.units:
@@ -177,8 +182,11 @@ def _in_code(scene: Scene, name: str, held: SnapshotParticles) -> dict[str, Arra
 # Continuing a run
 
 
-def _before(scene: Scene) -> Scene | None:
-    """Return the snapshot's scene, with this scene's start; None if it is invalid in this version."""
+def _stored_scene(scene: Scene) -> Scene | None:
+    """Return the scene stored in the snapshot, with `initial` replaced by that of `scene`.
+
+    None if the stored scene is invalid in this version of discsim.
+    """
     path: Path = scene.initial.file.path
     start = {"kind": scene.initial.kind, "file": str(path)}
     try:
@@ -188,36 +196,36 @@ def _before(scene: Scene) -> Scene | None:
 
 
 def continues_run(scene: Scene) -> bool:
-    """Return whether the run continues that of the snapshot: no change affects a step."""
-    start, before = scene.initial, _before(scene)
+    """Return whether the run continues the snapshot's run to rounding: no changed key affects a step."""
+    start, before = scene.initial, _stored_scene(scene)
     if _snapshot(start.file).open_step is None or before is None or start.refine > 1 or start.thin > 1:
         return False
-    return not any(_matters(key) for key in differences(before, scene))
+    return not any(_affects_step(key) for key in differences(before, scene))
 
 
-def _matters(key: str) -> bool:
-    """Return whether a change of the key affects a step."""
+def _affects_step(key: str) -> bool:
+    """Return whether a change of the key (like "gas.eta") affects a step."""
     table, _, last = key.rpartition(".")
     of_run = table == "run" and last != "integrator"
     return key not in FREE_TO_CHANGE and not of_run and table != "initial" and last not in ("particles", "every")
 
 
-def begins(scene: Scene) -> float:
+def start_time(scene: Scene) -> float:
     """Return the time at which the run begins."""
     return float(scene.initial.file.time) if scene.initial.keep_time else 0.0
 
 
 def restore_open_step(state: State) -> None:
-    """Set the time of the state, and its open step if the run continues that of the snapshot."""
+    """Set the time of the state; if the run continues the snapshot's run, also restore the open step."""
     if continues_run(state.scene):
-        _go_on(state)
-    state.time = begins(state.scene)
+        _restore_arrays(state)
+    state.time = start_time(state.scene)
     if state.bodies is not None:
         state.bodies.begun += state.time
 
 
-def _go_on(state: State) -> None:
-    """Set the state to the open step of the snapshot."""
+def _restore_arrays(state: State) -> None:
+    """Set arrays and clocks of the state to those of the snapshot's run between two steps (`open_step.py`)."""
     scene = state.scene
     snap = _snapshot(scene.initial.file)
     step = snap.open_step
@@ -238,15 +246,15 @@ def _go_on(state: State) -> None:
 
 
 def under_way(scene: Scene) -> dict[int, UnderWay]:
-    """Return the orbits of star and companions that are unchanged since the snapshot, by number."""
-    snap, before = _snapshot(scene.initial.file), _before(scene)
+    """Return position, velocity and history of star (0) and companions whose keys are unchanged, by number."""
+    snap, before = _snapshot(scene.initial.file), _stored_scene(scene)
     if snap.bodies is None or snap.open_step is None or before is None or snap.units != scene.units:
         return {}
     assert before.star is not None and scene.star is not None
     pos, vel, past = snap.bodies.pos, snap.bodies.vel, snap.open_step.arrays["bodies"]
     same = [before.star.mass == scene.star.mass]
     for old, new in zip(before.companion or (), scene.companion or (), strict=False):
-        same.append(all(getattr(old, key) == getattr(new, key) for key in ORBIT))
+        same.append(all(getattr(old, key) == getattr(new, key) for key in ORBIT_KEYS))
     return {
         k: UnderWay(pos[k] - pos[0], vel[k] - vel[0], past["gained"][k], past["begun"][k] - snap.time)
         for k in np.flatnonzero(same).tolist()
@@ -256,8 +264,8 @@ def under_way(scene: Scene) -> dict[int, UnderWay]:
 # Rules
 
 
-def goes_with_the_file(draft: Draft) -> Iterator[Problem]:
-    """Yield faults of a scene that does not fit its snapshot."""
+def check_snapshot_fits(draft: Draft) -> Iterator[Problem]:
+    """Yield the keys and messages of contradictions between a scene and its snapshot."""
     file: Any = draft.initial.file
     if draft.initial.refine > 1 and draft.initial.thin > 1:
         yield ("initial", "thin"), "initial.refine is also given; expected only one of the two"
@@ -281,14 +289,14 @@ def goes_with_the_file(draft: Draft) -> Iterator[Problem]:
 
 
 def _rings(scene: Scene) -> Places:
-    """Return rings with about equal particle numbers: mid radii, surface densities and relative masses.
+    """Return rings with about equal particle numbers: mid radii, surface densities and relative particle masses.
 
-    The species is gas if the scene and the snapshot have it, else dust.
+    The particles are the gas if scene and snapshot have gas, else the dust.
     """
     snap = _snapshot(scene.initial.file).about_centre()
     held = snap.gas if scene.gas is not None and snap.gas is not None else snap.dust
     assert held is not None
-    arrays = _in_code(scene, "gas" if held is snap.gas and scene.gas is not None else "dust", held)
+    arrays = _arrays_in_code_units(scene, "gas" if held is snap.gas and scene.gas is not None else "dust", held)
     r = np.sqrt((arrays["pos"] ** 2).sum(axis=1))
     edges = _ring_edges(np.sort(r))
     number, mean = np.histogram(r, edges)[0], arrays["mass"].mean()
@@ -302,14 +310,14 @@ def _rings(scene: Scene) -> Places:
 
 
 def _ring_edges(r: Array) -> Array:
-    """Return the edges of SHELLS rings with about equal particle numbers, from sorted radii (n,).
+    """Return edges of at most MAX_RINGS rings with about equal particle numbers, from sorted radii (n,).
 
-    No edge divides a ring of the start, whose particles have the same radius to rounding.
+    Particles with the same radius to rounding, as on a ring of a quiet start, are never separated by an edge.
     """
     first = np.flatnonzero(np.diff(r) > SAME_RING * r[1:]) + 1  # first index of each distinct radius but the innermost
     if len(first) == 0:
         return np.unique(r[[0, -1]])
-    wanted = np.linspace(0, len(r), SHELLS + 1)[1:-1]
+    wanted = np.linspace(0, len(r), MAX_RINGS + 1)[1:-1]
     cuts = np.unique(first[np.clip(np.searchsorted(first, wanted), 0, len(first) - 1)])
     between = 0.5 * (r[cuts - 1] + r[cuts])
     inner = max(0.0, 1.5 * r[0] - 0.5 * r[first[0]])  # edges half a spacing beyond the extreme radii
@@ -317,7 +325,7 @@ def _ring_edges(r: Array) -> Array:
 
 
 def places(scene: Scene) -> Places:
-    """Return the rings at 10%, 50% and 90% of the first species' particles, for the preview."""
+    """Return the rings at 10%, 50% and 90% of the particles of the first species, for the preview."""
     rings = _rings(scene)
     r, relative = rings.radius, rings.relative_mass
     assert r is not None
@@ -328,32 +336,38 @@ def places(scene: Scene) -> Places:
 
 
 def spread(scene: Scene) -> tuple[Places, Array]:
-    """Return the rings of the first species, and their relative particle masses, for the preview."""
+    """Return all rings of the first species, and their relative particle masses, for the preview."""
     rings = _rings(scene)
     return rings, np.ones_like(rings.density) if rings.relative_mass is None else rings.relative_mass
 
 
 def edges(scene: Scene) -> tuple[float, float]:
-    """Return the mid radii of the innermost and outermost ring."""
+    """Return the mid radii of the innermost and the outermost ring."""
     r = _rings(scene).radius
     assert r is not None
     return float(r[0]), float(r[-1])
 
 
 def mass(scene: Scene, population: Any) -> float:
-    """Return the mass of the gas, or the mass to which the ratio of a dust population refers."""
+    """Return the mass of gas to which the ratio of a dust population refers: mass of the dust over its ratio.
+
+    `population` None: the mass of all gas; in a scene without gas, the largest of these masses.
+    """
     snap = _snapshot(scene.initial.file)
     if population is None and scene.gas is not None and snap.gas is not None:
-        return float(_in_code(scene, "gas", snap.gas)["mass"].sum())
+        return float(_arrays_in_code_units(scene, "gas", snap.gas)["mass"].sum())
     assert snap.dust is not None and scene.dust is not None
-    arrays = _in_code(scene, "dust", snap.dust)
+    arrays = _arrays_in_code_units(scene, "dust", snap.dust)
     masses = np.bincount(arrays["species"], arrays["mass"], len(scene.dust))
     shares = [total / dust.ratio for total, dust in zip(masses, scene.dust, strict=True)]
     return float(max(shares) if population is None else shares[[p is population for p in scene.dust].index(True)])
 
 
 def reference_density(scene: Scene) -> float:
-    """Return Sigma_ref of the original start, so that grains keep their properties. Raises SceneError."""
+    """Return the reference density of drag laws of the snapshot's run, so that grains keep their properties.
+
+    In code units of the scene. Raises SceneError if the snapshot's run had none.
+    """
     snap, path = _snapshot(scene.initial.file), scene.initial.file.path
     found = snap.reference_density
     if found is None:
@@ -373,14 +387,14 @@ START = Start(
     places,
     dimensions=(2,),
     boundary="open",
-    rules=(goes_with_the_file,),
+    rules=(check_snapshot_fits,),
     kernel="wendland-c2",  # as for the other discs
     masses=mass,
     spread=spread,
     on_lattice=False,
     edges=edges,
     reference_density=reference_density,
-    begins=begins,
+    begins=start_time,
     take_up=restore_open_step,
     under_way=under_way,
 )

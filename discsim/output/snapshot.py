@@ -1,9 +1,9 @@
 """Snapshots in the HDF5 layout of SWIFT (Schaller et al. 2024, arXiv:2305.13380), which yt and other tools read.
 
-Gas is PartType0 and dust is PartType3. The star and its companions, if they are bodies of the run, are PartType5,
-the type of black holes. Their ids are their numbers, 0 for the star. Coordinates have three columns and lie in [0,
-BoxSize], as other tools require. The group "discsim" has the shift back to the scene's frame, and the other data
-that `read_snapshot` needs.
+Gas is PartType0 and dust is PartType3. The star and its companions, if they move in the run, are PartType5 (black
+holes in SWIFT); the id is 0 for the star and k for companion k. Coordinates have three columns and lie in [0,
+BoxSize], as other tools require. The group "discsim" has the shift from these coordinates to the scene's frame, and
+the other data that `read_snapshot` needs.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from discsim.output.contents import (
     unit_texts,
 )
 from discsim.output.layout import GROUPS, PLAIN_UNITS, write_layout, write_particles
-from discsim.output.snapshot_entries import columns_of, is_wanted, listed, tables_of, time_of, units_of
+from discsim.output.snapshot_entries import columns_of, is_requested, table_count, tables_of, time_of, units_of
 from discsim.parts import STARTS, Lazy
 from discsim.physics.profile import reference_density
 from discsim.printable import UserError, printable
@@ -64,23 +64,23 @@ class SnapshotError(UserError):
 class SnapshotParticles(Summarised):
     """Particles of one kind in a snapshot, sorted by ids.
 
-    Arrays are in code units and in the scene's frame. An array is None if the snapshot does not hold it, or if
-    `read_snapshot` did not read it.
+    Arrays are in code units and in the scene's frame. An array is None if the file lacks it, or if the argument
+    `columns` of `read_snapshot` excluded it.
 
     Attributes
     ----------
     units : Units
         Code units of the snapshot.
     dimensions_of : dict
-        Names of the arrays and of their dimensions, for example "surface_density".
+        Physical dimension of each array by the array's name, for example {"density": "density"}.
     pos, vel : ndarray, shape (n, dimensions)
         Positions and velocities.
     mass, ids : ndarray, shape (n,)
-        Masses, and identities that stay the same through a run.
+        Masses, and identity numbers that stay the same through a run.
     immobile : ndarray, shape (n,)
         True for boundary particles, which never move.
     density : ndarray, shape (n,)
-        Density, in 2D a surface density; of gas from SPH.
+        Density, in 2D a surface density; for gas the SPH density.
     h, u, pressure, sound_speed : ndarray, shape (n,)
         Smoothing length, internal energy per mass, pressure and sound speed of gas.
     temperature : ndarray, shape (n,)
@@ -152,12 +152,12 @@ class SnapshotParticles(Summarised):
         return self.units.quantity(array, dimension)
 
     def arrays(self) -> dict[str, Array]:
-        """Return the arrays that the snapshot holds by name, including `columns`."""
+        """Return all arrays that are not None by name, including `columns`."""
         held = {f.name: getattr(self, f.name) for f in fields(self)}
         return {name: array for name, array in held.items() if isinstance(array, np.ndarray)} | self.columns
 
     def summary(self) -> tuple[str, Rows]:
-        """Return the title, and rows of names, shapes and dimensions for display."""
+        """Return a title with the particle number, and a row with shape and dimension for each array."""
         of = {name: self.dimensions_of.get(name, "").replace("_", " ") for name in self.arrays()}
         return f"{self.count:,} particles", [(name, f"{a.shape}  {of[name]}") for name, a in self.arrays().items()]
 
@@ -169,7 +169,7 @@ class SnapshotParticles(Summarised):
         return dataframe_of(self.arrays())
 
     def radial_profile(self, edges: Array) -> Array:
-        """Return the surface density in rings, averaged over angle.
+        """Return the azimuthally averaged surface density in rings.
 
         Parameters
         ----------
@@ -268,20 +268,20 @@ class Snapshot(Summarised):
 
     @property
     def species(self) -> dict[str, SnapshotParticles]:
-        """The present kinds of particles by name: "gas", "dust"."""
+        """Particles of the species that the run has, by name: "gas", "dust"."""
         both = {"gas": self.gas, "dust": self.dust}
         return {name: particles for name, particles in both.items() if particles is not None}
 
     def summary(self) -> tuple[str, Rows]:
-        """Return the title, and rows of names and values for display."""
+        """Return the title of the scene, and rows of names and values for display."""
         held = [(name, f"{p.count:,} particles: {', '.join(p.arrays())}") for name, p in self.species.items()]
         rows = [("time", self.units.show_time(self.time)), ("dimensions", self.dimensions), *held]
         return self.title or "A snapshot", rows
 
     def about_centre(self) -> Snapshot:
-        """Return the snapshot in the frame of the disc's centre, a moving star or barycentre; the box stays.
+        """Return the snapshot with positions and velocities relative to the disc's centre, a star or barycentre.
 
-        Without a moving centre the snapshot itself is returned.
+        The corners of the box stay the same. If the centre does not move, the snapshot itself is returned.
         """
         if self.bodies is None or self.tables.get("star", {}).get("frame") != "inertial":
             return self
@@ -328,9 +328,9 @@ class Snapshot(Summarised):
         name : str
             Name of the field, like "gas.toomre_q"; `discsim plot --fields` lists all names.
         window : str, Quantity or array_like, optional
-            Part of the plane for a map. A text is "50 au" (half the side, about the centre) or "30 au,0 au,5 au" (x,
-            y and half the side). A Quantity, or an array in code units, has the same lengths, or corners (lower,
-            upper). With `distance`, texts and Quantities may be in arcsec.
+            Region of a map. A text is "50 au" (half the side of a square about the centre) or "30 au,0 au,5 au" (x
+            and y of the middle, and half the side). A Quantity, or an array in code units, has the same numbers, or
+            the corners (lower, upper). With `distance`, texts and Quantities may be in arcsec.
         pixels : int
             Number of pixels on the longer side of a map.
         edges : Quantity or array_like, optional
@@ -343,9 +343,9 @@ class Snapshot(Summarised):
         Returns
         -------
         Quantity
-            With `edges` the values in rings, shape (rings,). With `window` a map [ix, iy]. Densities and ratios of
-            gas and dust always give a map, by default of the part of the plane that figures show. Otherwise the
-            values of the particles, (n,), in the order of their ids.
+            With `edges`: values in rings, shape (rings,). With `window`: a map [ix, iy]. With neither: values of the
+            particles, (n,), in the order of their ids; fields without values per particle, such as densities, give
+            a map of the region that figures show.
 
         Raises
         ------
@@ -365,12 +365,12 @@ class Snapshot(Summarised):
         Parameters
         ----------
         species : str
-            "gas" or "dust": the species that yt smooths and names ("gas", ...). A dataset has one such species.
+            "gas" or "dust": the species that yt smooths, with fields ("gas", ...). A dataset has only one.
 
         Returns
         -------
         yt.data_objects.static_output.Dataset
-            Particle types and fields as in the file. `density` is that of a layer one code length thick;
+            Particle types and fields as in the file. `density` is the surface density over one code length;
             `ProjectionPlot(ds, "z", ("gas", "density"))` shows the surface density.
 
         Raises
@@ -392,8 +392,8 @@ class Snapshot(Summarised):
         Returns
         -------
         pynbody.snapshot.SimSnap
-            Dust is `dm`, star and companions are `bh`. `rho` is the density of a layer one code length thick.
-            `plot.sph.image(s.gas, units="g cm^-2")` shows the surface density, with `s.dm` that of the dust.
+            Dust is `dm`, star and companions are `bh`. `rho` is the surface density over one code length.
+            `plot.sph.image(s.gas, units="g cm^-2")` shows the surface density of gas, and with `s.dm` of dust.
 
         Raises
         ------
@@ -443,14 +443,15 @@ def write_snapshot(
     """Write the particles at `time` to `path`; the file appears when it is complete. Raises OSError.
 
     `extra` has additional arrays by kind and name, such as {"dust": {"stokes": ...}}, in the order of the particles.
-    `step` is the open step of the run. `extent` is the box of all particles if only some of them are here. `into` is
-    the context manager that creates the file.
+    `step` has the data with which a new run can continue from the snapshot. `extent` is the box around the particles
+    of all ranks; by default it is computed from the given particles. `into` is the context manager that creates the
+    file.
     """
     extra, present = extra or {}, present_kinds(gas, dust, bodies)
     lower, upper, counts = extent or extent_of(scene, gas, dust, bodies)
     support = support_radius(scene)
     with into(path) as file:
-        hdf5.mark(file, "snapshot")
+        hdf5.write_provenance(file, "snapshot")
         write_layout(file, scene, time, upper - lower, counts)
         own = file.create_group("discsim")
         own.attrs["origin"] = lower
@@ -459,7 +460,7 @@ def write_snapshot(
         own.attrs["support"] = support
         own.attrs["energy_equation"] = gas is not None and gas.u is not None
         own.attrs["units"] = [np.bytes_(text.encode()) for text in unit_texts(scene.units)]
-        hdf5.put(own, "Scene", np.frombuffer(scene.text.encode(), np.uint8))
+        hdf5.write_array(own, "Scene", np.frombuffer(scene.text.encode(), np.uint8))
         if step is not None:
             open_step.write(own, step)
         with suppress(SceneError):  # the original start of the snapshot in [initial] is unknown
@@ -475,7 +476,7 @@ def write_snapshot(
 
 
 def files_of(source: str | os.PathLike[str]) -> list[Path]:
-    """Return the snapshots in a run's directory in the order of time, or the single file. Raises SnapshotError."""
+    """Return the snapshots of a run in the order of time; if `source` is a file, that file. Raises SnapshotError."""
     path = Path(source)
     if not path.is_dir():
         if not path.exists():
@@ -495,8 +496,8 @@ def read_snapshot(path: str | os.PathLike[str], columns: Collection[str] | None 
     path : str or path-like
         File of a snapshot, or directory of a run (its last snapshot).
     columns : collection of str, optional
-        Arrays of gas and dust to read in addition to positions and masses, like ["gas.density"]; others are None. By
-        default all arrays are read.
+        Arrays of gas and dust to read in addition to positions and masses, like ["gas.density"]; all others are
+        None. By default all arrays are read.
 
     Returns
     -------
@@ -518,7 +519,10 @@ def read_snapshot(path: str | os.PathLike[str], columns: Collection[str] | None 
             raise EntryError("the size of the box or of the kernel support is not positive; expected positive numbers")
         text = hdf5.decoded(own.dataset("Scene", "u", ()).read().tobytes(), "/discsim/Scene")
         tables = tables_of(text, units)
-        populations, bodies = listed(tables, "dust"), listed(tables, "star") + listed(tables, "companion")
+        populations, bodies = (
+            table_count(tables, "dust"),
+            table_count(tables, "star") + table_count(tables, "companion"),
+        )
         there = [kind for kind, (group, _) in GROUPS.items() if group in file]
         kinds = {kind: _particles_of(file, kind, populations, columns) for kind in there}
         counts = {kind: particles.count for kind, particles in kinds.items()}
@@ -548,9 +552,12 @@ def read_snapshot(path: str | os.PathLike[str], columns: Collection[str] | None 
 def _particles_of(
     file: hdf5.CheckedGroup, kind: str, populations: int, columns: Collection[str] | None
 ) -> SnapshotParticles:
-    """Return the particles of one kind, in the scene's frame. Raises EntryError."""
+    """Return the particles of one kind ("gas", "dust", "bodies"), in the scene's frame. Raises EntryError.
+
+    `populations` is the number of dust populations, `columns` the argument of `read_snapshot`.
+    """
     own, units, (group, fields) = file.group("discsim"), units_of(file), GROUPS[kind]
-    wanted = partial(is_wanted, columns, kind)
+    wanted = partial(is_requested, columns, kind)
     arrays, others, known = columns_of(file.group(group), fields, wanted)
     arrays["pos"] = arrays["pos"][:, : units.dimensions] + own.numbers("origin", (units.dimensions,))
     if "vel" in arrays:

@@ -1,6 +1,6 @@
 """Checked reading of snapshot entries: columns, units, time and the tables of the scene.
 
-Every function raises EntryError if an entry is missing, or has another type or shape than in a snapshot.
+Every reading function raises EntryError if an entry is missing or has a wrong type, shape or value.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from discsim.output.layout import Field, other_columns
 from discsim.scene.units import UnitError, Units, clipped
 
 Array = np.ndarray
-NEEDED = ("pos", "vel", "mass", "ids")  # required for every species, if requested
-# Text values of a scene that functions on snapshots read.
-NAMED = (("space", "boundary"), ("initial", "kind"), ("star", "frame"), ("star", "centre"), ("drag", "direction"))
+REQUIRED = ("pos", "vel", "mass", "ids")  # columns that every species must have
+# Keys of a scene with a text that functions on snapshots read.
+TEXT_KEYS = (("space", "boundary"), ("initial", "kind"), ("star", "frame"), ("star", "centre"), ("drag", "direction"))
 
 
 def time_of(file: hdf5.CheckedGroup) -> float:
@@ -29,7 +29,7 @@ def time_of(file: hdf5.CheckedGroup) -> float:
 
 
 def units_of(file: hdf5.CheckedGroup) -> Units:
-    """Return the units of an open snapshot."""
+    """Return the code units of an open snapshot."""
     own = file.group("discsim")
     texts, dimensions = own.texts("units"), own.whole("dimensions")
     if len(texts) != 3 or dimensions not in (1, 2):
@@ -44,15 +44,15 @@ def units_of(file: hdf5.CheckedGroup) -> Units:
 def columns_of(
     group: hdf5.CheckedGroup, fields: dict[str, Field], wanted: Callable[[str], bool]
 ) -> tuple[dict[str, Array], dict[str, Array], dict[str, str]]:
-    """Return the arrays of a kind by name, the columns that the layout does not define, and the dimensions of both.
+    """Return three dicts by name: arrays that the layout defines, columns of other packages, dimensions of both.
 
-    `wanted` selects the arrays by name.
+    `fields` are the datasets of the layout, and `wanted(name)` is True for columns to read.
     """
     count = len(group.dataset("Masses", "f", ()))
     arrays: dict[str, Array] = {}
     known: dict[str, str] = {}
     for name, (dataset, dimension, _) in fields.items():
-        if wanted(name) and (name in NEEDED or dataset in group):
+        if wanted(name) and (name in REQUIRED or dataset in group):
             kinds = {"ids": "iu", "species": "iu", "immobile": "biu"}.get(name, "f")
             array = group.rows(dataset, count, kinds, (3,) if name in VECTORS else ())
             arrays[name], known[name] = array.astype(TYPES.get(name, np.float64), copy=False), dimension
@@ -66,7 +66,7 @@ def columns_of(
 
 
 def tables_of(text: str, units: Units) -> dict[str, Any]:
-    """Return the tables of a snapshot's scene, checked as far as functions on snapshots read them."""
+    """Return the tables of a snapshot's scene; only entries that functions on snapshots read are checked."""
     try:
         tables = tomllib.loads(text)
     except (ValueError, RecursionError) as fault:
@@ -77,7 +77,7 @@ def tables_of(text: str, units: Units) -> dict[str, Any]:
         listed = isinstance(table, list) and all(isinstance(each, dict) for each in table)
         if not (isinstance(table, str) if name == "title" else isinstance(table, dict) or listed):
             raise EntryError(f"{name} of its scene is {clipped(repr(table))}; expected a table")
-    for path in NAMED:
+    for path in TEXT_KEYS:
         table, key = tables.get(path[0], {}), path[1]
         if not isinstance(table, dict) or not isinstance(table.get(key, ""), str):
             raise EntryError(f"{path[0]}.{key} of its scene is not a text; expected a text")
@@ -95,12 +95,12 @@ def tables_of(text: str, units: Units) -> dict[str, Any]:
     return tables
 
 
-def listed(tables: dict[str, Any], name: str) -> int:
-    """Return the number of tables with a name: dust populations, companions."""
+def table_count(tables: dict[str, Any], name: str) -> int:
+    """Return the number of tables `name` in a scene, such as "dust" (populations) or "companion"."""
     found = tables.get(name)
     return len(found) if isinstance(found, list) else int(found is not None)
 
 
-def is_wanted(columns: Collection[str] | None, kind: str, name: str) -> bool:
-    """Return whether `read_snapshot` reads a column."""
+def is_requested(columns: Collection[str] | None, kind: str, name: str) -> bool:
+    """Return whether `read_snapshot` with this argument `columns` reads the column `name` of a kind."""
     return columns is None or kind == "bodies" or name in ("pos", "mass") or f"{kind}.{name}" in columns

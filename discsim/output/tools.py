@@ -1,16 +1,17 @@
-"""Snapshots as objects of yt, pynbody and sarracen, which are imported on request.
+"""Conversion of snapshots to objects of yt, pynbody and sarracen, which are imported when needed.
 
 These tools render the surface density of particles j, each with a mass, a density and a kernel of radius R_j, as
 
     Sigma(x, y) = sum_j (m_j / rho_j) rho_j W(|r - r_j|, R_j)
 
 with W in two dimensions, or in three and integrated along the line of sight. rho_j cancels. sarracen works in two
-dimensions, and its rho is the surface density. yt and pynbody work in three dimensions. Their rho is the density of
-a layer one code length thick. In code units it equals the surface density, and so does its projection. The pressure
+dimensions, and its rho is the surface density. yt and pynbody work in three dimensions. Their rho is the surface
+density over one code length, as for a layer of this thickness; its projection is then the surface density. Pressure
 is converted in the same way.
 
-R of SPH gas is the radius of the support of its kernel. For particles without h, R = r_32, the distance to the 32nd
-neighbour. Their density is the mass within that distance, over pi R^2; for random positions its mean is unbiased.
+For SPH gas, R is the radius of the support of its kernel. For particles without h, R = r_32, the distance to the
+32nd neighbour, and the density is the mass of the 31 nearer neighbours over pi R^2; for random positions its mean is
+unbiased.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from discsim.numerics.dataframe import dataframe_of
-from discsim.output.fields.values import repeats
+from discsim.output.fields.values import is_periodic
 from discsim.output.layout import GROUPS, PLAIN_UNITS
 from discsim.parts import command_of_extra
 
@@ -29,10 +30,10 @@ if TYPE_CHECKING:
     from discsim.output.snapshot import Snapshot, SnapshotParticles
 
 Array = np.ndarray
-NEIGHBOUR = 32
-NEAREST = 1e-6  # smallest R over the box, for coincident particles
-REACH = 2.0  # R / h of the kernels in pynbody and sarracen
-LAYERS = ("density", "pressure")  # dimensions that are divided by a length in 3D
+NEIGHBOUR_AT_R = 32  # neighbour whose distance is R for particles without h
+MIN_RADIUS = 1e-6  # smallest R as a fraction of the box, for coincident particles
+R_OVER_H = 2.0  # R / h of the kernels in pynbody and sarracen
+PER_LENGTH_IN_3D = ("density", "pressure")  # dimensions that are divided by one code length for tools in 3D
 YT_NAMES = {"mass": "particle_mass", "ids": "particle_index", "h": "smoothing_length", "temperature": "temperature"}
 YT_VECTORS = {"pos": ("particle_position_", "code_length"), "vel": ("particle_velocity_", "code_velocity")}
 FAMILIES = {"gas": "gas", "dust": "dm", "bodies": "bh"}  # names of particle types in pynbody
@@ -41,16 +42,16 @@ PYNBODY_NAMES = {"ids": "iord", "h": "smooth", "density": "rho", "pressure": "p"
 
 def to_yt(snap: Snapshot, species: str) -> Any:
     """Implement `Snapshot.to_yt`."""
-    yt, smoothed = _tool(snap, "yt"), _of(snap, species)
+    yt, smoothed = _import_tool(snap, "yt"), _particles_of(snap, species)
     data = {}
-    for kind, p in _kinds(snap).items():
+    for kind, p in _particles_by_kind(snap).items():
         group, fields = GROUPS[kind]
         arrays = _arrays(p)
         if p is smoothed:  # yt smooths a single type, the one with h and density
-            arrays |= _spread(snap, p)
+            arrays |= _radius_and_density(snap, p)
         names = YT_NAMES | ({"density": "density"} if p is smoothed else {})
         for name, array in arrays.items():
-            unit = "*".join(_powers(snap, p, name, ("code_mass", "code_length", "code_time", "K")))
+            unit = "*".join(_unit_powers(snap, p, name, ("code_mass", "code_length", "code_time", "K")))
             plain = fields[name].dataset if name in fields else name
             data[group, names.get(name, plain)] = array, unit
         for name, vectors in _vectors(p).items():
@@ -63,26 +64,26 @@ def to_yt(snap: Snapshot, species: str) -> Any:
         data,
         bbox=[*zip(snap.lower, snap.upper, strict=True), (-half, half)],
         sim_time=snap.time,
-        periodicity=(repeats(snap), repeats(snap), False),
+        periodicity=(is_periodic(snap), is_periodic(snap), False),
         **cgs,
     )
 
 
 def to_pynbody(snap: Snapshot) -> Any:
     """Implement `Snapshot.to_pynbody`."""
-    pynbody, kinds = _tool(snap, "pynbody"), _kinds(snap)
+    pynbody, kinds = _import_tool(snap, "pynbody"), _particles_by_kind(snap)
     counts = {FAMILIES[kind]: p.count for kind, p in kinds.items()}
     made = pynbody.new(order=",".join(counts), **counts)
     for kind, p in kinds.items():
         family = made[pynbody.family.get_family(FAMILIES[kind])]
         arrays = _arrays(p) | _vectors(p)
         if kind != "bodies":
-            arrays |= _spread(snap, p)
-            arrays["h"] = arrays["h"] / REACH
+            arrays |= _radius_and_density(snap, p)
+            arrays["h"] = arrays["h"] / R_OVER_H
             family["sigma"] = arrays["density"]
             family["sigma"].units = f"{snap.units.cgs('surface_density')!r} g cm**-2"
         for name, array in arrays.items():
-            powers = " ".join(_powers(snap, p, name, ("g", "cm", "s", "K")))
+            powers = " ".join(_unit_powers(snap, p, name, ("g", "cm", "s", "K")))
             kept = PYNBODY_NAMES.get(name, name)
             family[kept] = array
             family[kept].units = f"{_cgs(snap, p, name)!r} {powers}" if powers else "1"
@@ -92,16 +93,16 @@ def to_pynbody(snap: Snapshot) -> Any:
 
 def to_sarracen(snap: Snapshot, species: str) -> Any:
     """Implement `Snapshot.to_sarracen`."""
-    sarracen, p = _tool(snap, "sarracen"), _of(snap, species)
+    sarracen, p = _import_tool(snap, "sarracen"), _particles_of(snap, species)
     arrays = {"ids": np.arange(p.count)} | _arrays(p) | {name: v[:, :2] for name, v in _vectors(p).items()}
-    arrays |= _spread(snap, p)
-    arrays["h"] = arrays["h"] / REACH
+    arrays |= _radius_and_density(snap, p)
+    arrays["h"] = arrays["h"] / R_OVER_H
     units = {name: snap.units.cgs(of) for name, of in (("umass", "mass"), ("udist", "length"), ("utime", "time"))}
     return sarracen.SarracenDataFrame(dataframe_of(arrays), params={"time": snap.time} | units)
 
 
-def _tool(snap: Snapshot, name: str) -> Any:
-    """Import and return a tool. Raises ImportError if it is missing, ValueError for a 1D snapshot."""
+def _import_tool(snap: Snapshot, name: str) -> Any:
+    """Import and return the package `name`. Raises ImportError if it is missing, ValueError for a 1D snapshot."""
     if snap.dimensions != 2:
         raise ValueError(f"to_{name}() needs a snapshot in two dimensions, but this one has one; expected to_pandas()")
     try:
@@ -111,12 +112,12 @@ def _tool(snap: Snapshot, name: str) -> Any:
         raise ImportError(f"{needed}; expected {command_of_extra('tools')}") from error
 
 
-def _kinds(snap: Snapshot) -> dict[str, SnapshotParticles]:
-    """Return all kinds of particles of a snapshot by name, star and companions included."""
+def _particles_by_kind(snap: Snapshot) -> dict[str, SnapshotParticles]:
+    """Return the particles of a snapshot by kind: "gas", "dust", and "bodies" for star and companions."""
     return snap.species | ({} if snap.bodies is None else {"bodies": snap.bodies})
 
 
-def _of(snap: Snapshot, species: str) -> SnapshotParticles:
+def _particles_of(snap: Snapshot, species: str) -> SnapshotParticles:
     """Return the particles of a species. Raises KeyError if the snapshot has none."""
     if species not in snap.species:
         raise KeyError(f"the snapshot has no {species!r}; expected {' or '.join(map(repr, snap.species))}")
@@ -124,52 +125,54 @@ def _of(snap: Snapshot, species: str) -> SnapshotParticles:
 
 
 def _arrays(p: SnapshotParticles) -> dict[str, Array]:
-    """Return the stored arrays (n,) of particles by name, without h."""
+    """Return the arrays (n,) of particles by name; h is left out, see `_radius_and_density`."""
     held = {name: array for name, array in vars(p).items() if isinstance(array, np.ndarray) and array.ndim == 1}
     held.pop("h", None)
     return held | p.columns
 
 
 def _vectors(p: SnapshotParticles) -> dict[str, Array]:
-    """Return positions, and velocities if they were read, as (n, 3)."""
+    """Return "pos" and "vel" as arrays (n, 3); without "vel" if it was not read."""
     held = {"pos": p.pos, "vel": p.vel}
     return {name: np.pad(array, ((0, 0), (0, 1))) for name, array in held.items() if array is not None}
 
 
-def _powers(snap: Snapshot, p: SnapshotParticles, name: str, bases: tuple[str, ...]) -> list[str]:
-    """Return the unit of an array as powers of base units of mass, length, time and temperature."""
+def _unit_powers(snap: Snapshot, p: SnapshotParticles, name: str, bases: tuple[str, ...]) -> list[str]:
+    """Return the unit of an array as powers like "g**1"; `bases` are units of mass, length, time and temperature."""
     return [f"{base}**{power:g}" for base, power in zip(bases, _exponents(snap, p, name), strict=True) if power]
 
 
 def _exponents(snap: Snapshot, p: SnapshotParticles, name: str) -> tuple[float, float, float, float]:
+    """Return the exponents of mass, length, time and temperature in the unit of an array."""
     dimension = _dimension(p, name)
     if dimension in PLAIN_UNITS:
         return 0.0, 0.0, 0.0, float(dimension == "temperature")
     mass, length, time = snap.units.exponents(dimension)
-    return mass, length - (dimension in LAYERS), time, 0.0
+    return mass, length - (dimension in PER_LENGTH_IN_3D), time, 0.0
 
 
 def _cgs(snap: Snapshot, p: SnapshotParticles, name: str) -> float:
-    """Return the code unit of an array in cgs."""
+    """Return the factor from code units to cgs for an array."""
     dimension = _dimension(p, name)
     factor = 1.0 if dimension in PLAIN_UNITS else snap.units.cgs(dimension)
-    return factor / snap.units.cgs("length") if dimension in LAYERS else factor
+    return factor / snap.units.cgs("length") if dimension in PER_LENGTH_IN_3D else factor
 
 
 def _dimension(p: SnapshotParticles, name: str) -> str:
+    """Return the physical dimension of an array."""
     return {"h": "length", "density": "density"}.get(name) or p.dimensions_of[name]
 
 
-def _spread(snap: Snapshot, p: SnapshotParticles) -> dict[str, Array]:
-    """Return h, the kernel radius R of each particle, and density, its surface density, both (n,)."""
+def _radius_and_density(snap: Snapshot, p: SnapshotParticles) -> dict[str, Array]:
+    """Return two arrays (n,): "h", the kernel radius R of each particle, and "density", the surface density there."""
     if p.h is not None and p.density is not None:
         return {"h": p.h * snap.support, "density": p.density}
     from scipy.spatial import cKDTree
 
     sides = snap.upper - snap.lower
-    places, around = ((p.pos - snap.lower) % sides, sides) if repeats(snap) else (p.pos, None)
+    places, around = ((p.pos - snap.lower) % sides, sides) if is_periodic(snap) else (p.pos, None)
     # The nearest neighbour is the particle itself. Missing neighbours have infinite distance and no mass.
-    distance, nearest = cKDTree(places, boxsize=around).query(places, NEIGHBOUR + 1)
-    radius = np.clip(distance[:, -1], NEAREST * sides.max(), sides.max())
+    distance, nearest = cKDTree(places, boxsize=around).query(places, NEIGHBOUR_AT_R + 1)
+    radius = np.clip(distance[:, -1], MIN_RADIUS * sides.max(), sides.max())
     mass = np.append(p.mass, 0.0)[nearest[:, 1:-1]].sum(axis=1)
     return {"h": radius, "density": mass / (np.pi * radius**2)}

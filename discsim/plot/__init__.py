@@ -4,7 +4,7 @@
     ax = discsim.plot.profile(snap, "surface_density", window="80 au")
     ax = discsim.plot.time_map("runs/dusty_disc", "dust.surface_density")
 
-The names of fields are those of `discsim plot --fields`. matplotlib is imported with this module.
+`discsim plot --fields` lists the names of fields. Importing this module imports matplotlib.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING, Any
 from discsim.output.drawing import draw, norm_of, scale_bar
 from discsim.output.fields.base import FieldError, PlotError
 from discsim.output.fields.look import Look, look_of
-from discsim.output.fields.names import known, listed, of_run
+from discsim.output.fields.names import available_fields, listed, matching_fields
 from discsim.output.snapshot import Snapshot, files_of
 from discsim.parts import FIELDS
 from discsim.plot import curves, pictures
-from discsim.plot.compose import limited
-from discsim.plot.film import Film, usual_path
-from discsim.plot.sources import Source, read
+from discsim.plot.compose import colour_range
+from discsim.plot.film import Film, default_path
+from discsim.plot.sources import Source, read_for_fields
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -54,7 +54,7 @@ def field_map(source: Source, field: str = "gas.surface_density", ax: Axes | Non
     PlotError, FieldError, SnapshotError
         If an argument is invalid, the run lacks the field, or a snapshot cannot be read.
     """
-    return _picture(source, field, ax, look_of(**look), "map")
+    return _draw_picture(source, field, ax, look_of(**look), "map")
 
 
 def polar_map(source: Source, field: str = "gas.surface_density", ax: Axes | None = None, **look: Any) -> Axes:
@@ -82,7 +82,7 @@ def polar_map(source: Source, field: str = "gas.surface_density", ax: Axes | Non
     PlotError, FieldError, SnapshotError
         If an argument is invalid, the run lacks the field, or a snapshot cannot be read.
     """
-    return _picture(source, field, ax, look_of(**look), "polar")
+    return _draw_picture(source, field, ax, look_of(**look), "polar")
 
 
 def profile(source: Source, field: str = "surface_density", ax: Axes | None = None, **look: Any) -> Axes:
@@ -111,11 +111,11 @@ def profile(source: Source, field: str = "surface_density", ax: Axes | None = No
     PlotError, FieldError, SnapshotError
         If an argument is invalid, the run lacks the field, or a snapshot cannot be read.
     """
-    snap, how, ax = read(source, known(field)), look_of(**look), _axes(ax)
-    names = of_run(field, snap)
-    for name, curve in curves.profile(snap, names, how).items():
+    snap, options, ax = read_for_fields(source, matching_fields(field)), look_of(**look), _axes_or_new(ax)
+    names = available_fields(field, snap)
+    for name, curve in curves.profile_curves(snap, names, options).items():
         curves.draw_curve(ax, snap, curve, FIELDS[name], label=name.partition(".")[0].replace("_", " "))
-    curves.finish_profile(ax, snap, names, how)
+    curves.finish_profile(ax, snap, names, options)
     return ax
 
 
@@ -144,10 +144,10 @@ def time_map(source: str | Path, field: str = "gas.surface_density", ax: Axes | 
     PlotError, FieldError, SnapshotError
         If an argument is invalid, the run lacks the field, or a snapshot cannot be read.
     """
-    files, how, ax = files_of(source), look_of(**look), _axes(ax)
-    name = _one(field, read(files[0], known(field)))
-    picture = pictures.in_time(files, [name], how)[name]
-    draw(ax, picture, limited(how, norm_of([picture]), picture))
+    files, options, ax = files_of(source), look_of(**look), _axes_or_new(ax)
+    name = _first_name(field, read_for_fields(files[0], matching_fields(field)))
+    picture = pictures.time_pictures(files, [name], options)[name]
+    draw(ax, picture, colour_range(options, norm_of([picture]), picture))
     return ax
 
 
@@ -178,8 +178,8 @@ def phase(
     PlotError, FieldError, SnapshotError
         If an argument is invalid, the run lacks the field, or a snapshot cannot be read.
     """
-    snap, ax = read(source, [*known(field), *known(against)]), _axes(ax)
-    curves.phase(ax, snap, _one(field, snap), _one(against, snap), look_of(**look))
+    snap, ax = read_for_fields(source, [*matching_fields(field), *matching_fields(against)]), _axes_or_new(ax)
+    curves.draw_phase(ax, snap, _first_name(field, snap), _first_name(against, snap), look_of(**look))
     return ax
 
 
@@ -212,7 +212,7 @@ def movie(source: str | Path, path: str | Path | None = None, *words: str, rate:
         If the file cannot be written.
     """
     film = Film(Path(source), words, rate=rate, look=look_of(**look))
-    where = Path(path) if path is not None else usual_path(film)
+    where = Path(path) if path is not None else default_path(film)
     film.save(where)
     return where
 
@@ -228,22 +228,23 @@ def fields() -> list[tuple[str, str, str]]:
     return list(listed())
 
 
-def _picture(source: Source, field: str, ax: Axes | None, look: Look, kind: str) -> Axes:
-    snap, ax = read(source, known(field)), _axes(ax)
-    name = _one(field, snap)
-    picture = {"map": pictures.maps, "polar": pictures.polar}[kind](snap, [name], look)[name]
-    draw(ax, picture, limited(look, norm_of([picture]), picture))
+def _draw_picture(source: Source, field: str, ax: Axes | None, look: Look, kind: str) -> Axes:
+    """Draw a field as a picture of the given kind, "map" or "polar"; return the axes."""
+    snap, ax = read_for_fields(source, matching_fields(field)), _axes_or_new(ax)
+    name = _first_name(field, snap)
+    picture = {"map": pictures.map_pictures, "polar": pictures.polar_pictures}[kind](snap, [name], look)[name]
+    draw(ax, picture, colour_range(look, norm_of([picture]), picture))
     if picture.scale is not None:
         scale_bar(ax, picture)
     return ax
 
 
-def _one(word: str, snap: Snapshot) -> str:
-    """Return the field name for a word; for a field of several species, that of the first."""
-    return of_run(word, snap)[0]
+def _first_name(word: str, snap: Snapshot) -> str:
+    """Return the full name of a field; a name that several species have gets the first species."""
+    return available_fields(word, snap)[0]
 
 
-def _axes(ax: Axes | None) -> Axes:
+def _axes_or_new(ax: Axes | None) -> Axes:
     """Return `ax`, or the axes of a new figure."""
     if ax is not None:
         return ax

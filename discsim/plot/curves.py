@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 
-from discsim.output.drawing import colour_bar, in_units, log_ticks, points
+from discsim.output.drawing import colour_bar, in_units, log_ticks, points_1d
 from discsim.output.fields.base import Field, PlotError
 from discsim.output.fields.look import Look
 from discsim.output.fields.values import smooth_profile
@@ -19,21 +19,21 @@ if TYPE_CHECKING:
     from discsim.output.snapshot import Snapshot
 
 Array = np.ndarray
-MOST_CELLS = 160  # cells of a phase plot along each axis, at most
-DECADES = 4.5  # decades on an axis of a density, at most
+MAX_CELLS = 160  # cells of a phase plot along each axis, at most
+MAX_DECADES = 4.5  # decades on an axis of a density, at most
 
 
-def profile(snap: Snapshot, names: Sequence[str], look: Look) -> dict[str, tuple[Array, Array]]:
-    """Return (position, value) curves of fields against radius, in the units of axes; in 1D particles against x."""
+def profile_curves(snap: Snapshot, names: Sequence[str], look: Look) -> dict[str, tuple[Array, Array]]:
+    """Return a curve (radius, value) for each field, in the units of axes; in 1D (x, value) of the particles."""
     if snap.dimensions == 1:
-        return {name: points(snap, name) for name in names}
+        return {name: points_1d(snap, name) for name in names}
     edges, binned = smooth_profile(snap, look.radii(snap), look.optics)
     radius = in_units(snap, "length")[0] * 0.5 * (edges[1:] + edges[:-1])
     return {name: (radius, FIELDS[name].factor(snap.units) * binned[name]) for name in names}
 
 
 def draw_curve(axes: Axes, snap: Snapshot, curve: tuple[Array, Array], field: Field, **style: Any) -> None:
-    """Draw a line, or in 1D the points of particles; zeros are omitted on a logarithmic scale."""
+    """Draw a curve as a line, or in 1D as points; zeros of a field with a logarithmic scale are omitted."""
     x, values = curve
     if field.scale == "log":
         values = np.where(values > 0, values, np.nan)
@@ -53,7 +53,7 @@ def finish_profile(axes: Axes, snap: Snapshot, names: Sequence[str], look: Look)
     if field.scale == "log" and peaks and _decades(shown) > 0.3:
         axes.set_yscale("log")
         if field.kind == "density":  # a lone particle must not determine the scale
-            axes.set_ylim(bottom=max(axes.get_ylim()[0], min(peaks) * 10**-DECADES))
+            axes.set_ylim(bottom=max(axes.get_ylim()[0], min(peaks) * 10**-MAX_DECADES))
     if look.limits is not None:
         axes.set_ylim(*look.limits)
     if axes.get_yscale() == "log":
@@ -66,14 +66,15 @@ def finish_profile(axes: Axes, snap: Snapshot, names: Sequence[str], look: Look)
 
 
 def _decades(shown: Sequence[Array]) -> float:
+    """Return log10 of the largest over the smallest value; 0 if some value is not positive."""
     values = np.concatenate(shown)
     return float(np.log10(values.max() / values.min())) if values.size and values.min() > 0 else 0.0
 
 
-def phase(axes: Axes, snap: Snapshot, name: str, against: str, look: Look) -> None:
+def draw_phase(axes: Axes, snap: Snapshot, name: str, against: str, look: Look) -> None:
     """Draw the distribution of particle mass over the fields `against` (x) and `name` (y). Raises PlotError.
 
-    An axis is logarithmic if the field's scale is.
+    An axis is logarithmic if its field has a logarithmic scale and spans more than a factor of 3.
     """
     fields = FIELDS[against], FIELDS[name]
     for each, field in zip((against, name), fields, strict=True):
@@ -81,39 +82,42 @@ def phase(axes: Axes, snap: Snapshot, name: str, against: str, look: Look) -> No
             of = fields[1].species or "one species"
             raise PlotError(f"{each}: not a particle field of {of}; expected two fields of the same species, like v_r")
     values = [field.factor(snap.units) * field.values(snap) for field in fields]
-    cells = int(np.clip(0.7 * len(values[0]) ** 0.5, 20, MOST_CELLS))
-    edges = [_edges(field, array, cells) for field, array in zip(fields, values, strict=True)]
+    cells = int(np.clip(0.7 * len(values[0]) ** 0.5, 20, MAX_CELLS))
+    edges = [_bin_edges(field, array, cells) for field, array in zip(fields, values, strict=True)]
     if look.limits is not None:
-        edges[1] = _between(fields[1], *look.limits, cells)
+        edges[1] = _axis_edges(fields[1], *look.limits, cells)
     mass = snap.species[fields[1].species].mass
     total, _, _ = np.histogram2d(values[0], values[1], (edges[0], edges[1]), weights=mass / max(mass.sum(), 1e-300))
-    share = np.where(total > 0, total, np.nan)
-    seen = share[np.isfinite(share)]
+    fraction = np.where(total > 0, total, np.nan)
+    seen = fraction[np.isfinite(fraction)]
     norm = LogNorm(max(seen.min(), 1e-5 * seen.max()), seen.max(), clip=True) if seen.size else LogNorm(0.1, 1.0)
-    image = axes.pcolormesh(*edges, share.T, norm=norm, cmap="viridis", rasterized=True)
+    image = axes.pcolormesh(*edges, fraction.T, norm=norm, cmap="viridis", rasterized=True)
     for axis, field, ends in ((axes.xaxis, fields[0], edges[0]), (axes.yaxis, fields[1], edges[1])):
-        if _log(field, ends):
+        if _is_log(field, ends):
             getattr(axes, f"set_{axis.axis_name}scale")("log")
             log_ticks(axis, ends[0], ends[-1])
     axes.set(xlabel=fields[0].text(snap.units), ylabel=fields[1].text(snap.units))
     colour_bar(axes, image, f"mass fraction of {fields[1].species}")
 
 
-def _log(field: Field, edges: Array) -> bool:
+def _is_log(field: Field, edges: Array) -> bool:
+    """Return whether the axis of a field with bins `edges` is logarithmic."""
     return field.scale == "log" and edges[0] > 0 and edges[-1] > 3 * edges[0]
 
 
-def _edges(field: Field, values: Array, cells: int) -> Array:
+def _bin_edges(field: Field, values: Array, cells: int) -> Array:
+    """Return edges (cells + 1,) that span 99.8% of the values and a margin."""
     values = values[np.isfinite(values) & ((values > 0) | (field.scale != "log"))]
     if not values.size:
         return np.linspace(0.0, 1.0, cells + 1)
     low, high = (float(each) for each in np.quantile(values, (0.001, 0.999)))
     room = 0.05 * (high - low) or 0.05 * abs(high) or 1.0
     if field.scale == "log":
-        return _between(field, low / 1.1, high * 1.1, cells)
-    return _between(field, low - room, high + room, cells)
+        return _axis_edges(field, low / 1.1, high * 1.1, cells)
+    return _axis_edges(field, low - room, high + room, cells)
 
 
-def _between(field: Field, low: float, high: float, cells: int) -> Array:
+def _axis_edges(field: Field, low: float, high: float, cells: int) -> Array:
+    """Return edges (cells + 1,) from `low` to `high`, equally spaced on the axis of the field."""
     even = field.scale != "log" or low <= 0 or high <= 3 * low
     return np.linspace(low, high, cells + 1) if even else np.geomspace(low, high, cells + 1)

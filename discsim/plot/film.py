@@ -1,4 +1,4 @@
-"""Films of a run: one frame per snapshot, with common colours and a common window.
+"""Films of a run: one frame per snapshot; all frames have the same window and colour ranges.
 
 mp4 needs imageio-ffmpeg; gif is written by pillow.
 """
@@ -24,22 +24,22 @@ from discsim.output.files import refuse_special, replace_atomically
 from discsim.output.snapshot import files_of
 from discsim.parts import command_of_extra
 from discsim.plot import compose, pictures
-from discsim.plot.compose import Board
-from discsim.plot.sources import Named, directory_of, name_of, read, times_of
+from discsim.plot.compose import PanelFigure
+from discsim.plot.sources import NamedSnapshot, read_for_fields, run_directory, run_name, times_of
 
 if TYPE_CHECKING:
     from discsim.output.drawing import Picture
 
-KINDS = {"map": pictures.maps, "polar": pictures.polar}
-LOOKED_AT = 12  # number of snapshots that determine the colours
-ROUGH = 160  # pixels of the maps that determine the colours
+KINDS = {"map": pictures.map_pictures, "polar": pictures.polar_pictures}
+SNAPSHOTS_FOR_RANGE = 12  # largest number of snapshots that determine the colour ranges
+PIXELS_FOR_RANGE = 160  # pixels per side of the maps that determine the colour ranges
 DPI = 110
 Say = Callable[[int, int], None]  # called with the number of finished frames and of all frames
 
 
 @dataclass(frozen=True)
 class Film:
-    """A film: `kind` is a key of KINDS, `words` are fields, and `rate` is in frames per second."""
+    """A film of a run. `words` are names of fields, `kind` is a key of KINDS, `rate` is in frames per second."""
 
     source: Path
     words: Sequence[str] = ()
@@ -66,36 +66,48 @@ class Film:
         return len(files)
 
     def _frames(self, files: Sequence[Path], say: Say | None) -> Iterator[Image.Image]:
-        words = list(self.words) or compose.usual_words(2)
-        wanted = compose.all_names(words)
-        names = compose.flat(compose.words_to_names(words, [read(files[-1], wanted)]))
-        look, norms = self._shared(files, names)
+        """Yield one frame per snapshot."""
+        words = list(self.words) or compose.default_words(2)
+        wanted = compose.matching_names(words)
+        names = compose.unique_names(compose.words_to_names(words, [read_for_fields(files[-1], wanted)]))
+        look, norms = self._common_look_and_ranges(files, names)
         for number, file in enumerate(files, 1):
-            snap = read(file, names)
-            head, titles = compose.titles_of([snap], [Named(file, name_of(self.source))])
+            snap = read_for_fields(file, names)
+            head, titles = compose.titles_of([snap], [NamedSnapshot(file, run_name(self.source))])
             made = KINDS[self.kind](snap, names, look)
-            rows = compose.of_pictures([made], titles, look, norms)
+            rows = compose.picture_panels([made], titles, look, norms)
             content = io.BytesIO()
-            board = Board(head, rows, notes=compose.notes_of(names, look))
+            board = PanelFigure(head, rows, notes=compose.notes_of(names, look))
             board.figure().savefig(content, format="png", dpi=DPI, pil_kwargs={"compress_level": 1})
             if say is not None:
                 say(number, len(files))
             yield Image.open(content).convert("RGB")
 
-    def _shared(self, files: Sequence[Path], names: Sequence[str]) -> tuple[Look, dict[str, Normalize]]:
-        """Return the common look, and the colour range of each field from LOOKED_AT snapshots of the run."""
-        some = np.unique(np.linspace(0, len(files) - 1, LOOKED_AT).round().astype(int))
-        look = self.look.shared([read(files[k], names) for k in (0, -1)], self.kind)
-        rough = Look(look.window, look.limits, look.distance, look.optics, look.corners, look.ends, ROUGH)
-        seen: list[dict[str, Picture]] = [KINDS[self.kind](read(files[k], names), names, rough) for k in some]
+    def _common_look_and_ranges(self, files: Sequence[Path], names: Sequence[str]) -> tuple[Look, dict[str, Normalize]]:
+        """Return the display options of all frames, and the colour range of each field.
+
+        The window is common to the first and last snapshot. The ranges come from at most SNAPSHOTS_FOR_RANGE
+        snapshots, spread evenly over the run.
+        """
+        chosen = np.unique(np.linspace(0, len(files) - 1, SNAPSHOTS_FOR_RANGE).round().astype(int))
+        look = self.look.shared([read_for_fields(files[k], names) for k in (0, -1)], self.kind)
+        coarse_look = Look(
+            look.window, look.limits, look.distance, look.optics, look.corners, look.ends, PIXELS_FOR_RANGE
+        )
+        seen: list[dict[str, Picture]] = [
+            KINDS[self.kind](read_for_fields(files[k], names), names, coarse_look) for k in chosen
+        ]
         return look, {
-            name: compose.limited(look, norm_of([each[name] for each in seen]), seen[0][name]) for name in names
+            name: compose.colour_range(look, norm_of([each[name] for each in seen]), seen[0][name]) for name in names
         }
 
 
-def usual_path(film: Film) -> Path:
-    """Return the default path of a film, in `plots` of its run: mp4 if imageio-ffmpeg is installed, else gif."""
-    directory = directory_of(film.source) or film.source.parent
+def default_path(film: Film) -> Path:
+    """Return the default path of a film, in the folder "plots" of its run.
+
+    The format is mp4 if imageio-ffmpeg is installed, else gif.
+    """
+    directory = run_directory(film.source) or film.source.parent
     ending = ".mp4" if find_spec("imageio_ffmpeg") else ".gif"
     return directory / "plots" / f"{'-'.join(film.words) or 'surface_density'}-{film.kind}{ending}"
 
@@ -103,23 +115,23 @@ def usual_path(film: Film) -> Path:
 def writer_of(path: Path) -> Callable[[Path, Iterator[Image.Image], float], None]:
     """Return the function that writes the format of `path`. Raises PlotError."""
     if path.suffix.lower() == ".gif":
-        return _gif
+        return _write_gif
     if path.suffix.lower() != ".mp4":
         raise PlotError(f"{path}: unknown film format; expected a name that ends in .mp4 or .gif")
     if not find_spec("imageio_ffmpeg"):
         remedy = f"-o NAME.gif, or {command_of_extra('movie')}"
         raise PlotError(f"{path}: mp4 needs imageio-ffmpeg, which is not installed; expected {remedy}")
-    return _mp4
+    return _write_mp4
 
 
-def _gif(path: Path, frames: Iterator[Image.Image], rate: float) -> None:
+def _write_gif(path: Path, frames: Iterator[Image.Image], rate: float) -> None:
     first = next(frames)
     palette = first.quantize(256)  # one palette for all frames keeps colours constant
     every = (frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in chain([first], frames))
     next(every).save(path, format="gif", save_all=True, append_images=every, duration=round(1000 / rate), loop=0)
 
 
-def _mp4(path: Path, frames: Iterator[Image.Image], rate: float) -> None:
+def _write_mp4(path: Path, frames: Iterator[Image.Image], rate: float) -> None:
     import imageio_ffmpeg
 
     sink: Any = None

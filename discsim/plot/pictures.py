@@ -1,4 +1,4 @@
-"""Colour maps of fields: on the plane, in azimuth and radius, in radius and time; and their ratios."""
+"""Colour maps of fields: in x and y, in azimuth and radius, or in radius and time; and comparisons of two maps."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.colors import LogNorm, Normalize
 
-from discsim.output.drawing import Picture, bodies, in_units, map_picture
+from discsim.output.drawing import Picture, body_marks, in_units, map_picture
 from discsim.output.fields.base import PlotError
 from discsim.output.fields.look import Look
-from discsim.output.fields.values import hole, on_pixels, on_polar_pixels, smooth_profile
+from discsim.output.fields.values import inner_radius, on_pixels, on_polar_pixels, smooth_profile
 from discsim.parts import FIELDS
-from discsim.plot.sources import read, times_of
+from discsim.plot.sources import read_for_fields, times_of
 
 if TYPE_CHECKING:
     from discsim.output.snapshot import Snapshot
@@ -25,25 +25,25 @@ Pictures = dict[str, Picture]  # by name of field
 MakePictures = Callable[["Snapshot", Sequence[str], Look], Pictures]
 
 
-def maps(snap: Snapshot, names: Sequence[str], look: Look) -> Pictures:
+def map_pictures(snap: Snapshot, names: Sequence[str], look: Look) -> Pictures:
     """Return pictures of fields on the plane. Raises PlotError in 1D."""
-    _plane(snap)
+    _require_plane(snap)
     window = look.map_window(snap)
     binned = on_pixels(snap, window, look.pixels, look.optics)
     return {name: map_picture(binned, name, window, look.arcsec(snap.units)) for name in names}
 
 
-def polar(snap: Snapshot, names: Sequence[str], look: Look) -> Pictures:
+def polar_pictures(snap: Snapshot, names: Sequence[str], look: Look) -> Pictures:
     """Return pictures of fields in azimuth and radius. Raises PlotError in 1D."""
-    _plane(snap)
-    inner, outer = look.radii(snap, 0.9 * hole(snap))
+    _require_plane(snap)
+    inner, outer = look.radii(snap, 0.9 * inner_radius(snap))
     binned = on_polar_pixels(snap, inner, outer, look.pixels, look.optics)
     length, unit = in_units(snap, "length")
     sides = np.array([-180.0, 180.0]), length * np.array([inner, outer])
     labels = r"$\varphi$ [deg]", f"r{unit}"
     marks = [
         (float(np.degrees(np.arctan2(y, x))), float(np.hypot(x, y)), False)
-        for x, y, star in bodies(snap)
+        for x, y, star in body_marks(snap)
         if not star and inner <= np.hypot(x, y) / length <= outer
     ]
     return {
@@ -52,18 +52,18 @@ def polar(snap: Snapshot, names: Sequence[str], look: Look) -> Pictures:
     }
 
 
-def in_time(files: Sequence[Path], names: Sequence[str], look: Look) -> Pictures:
+def time_pictures(files: Sequence[Path], names: Sequence[str], look: Look) -> Pictures:
     """Return pictures of fields in radius (in 1D position) and time, from the snapshots of a run.
 
     The range of radii is that of the first snapshot.
     """
-    first, rows = read(files[0], names), []
+    first, rows = read_for_fields(files[0], names), []
     edges = np.empty(0)
     for path in files:
-        edges, binned = smooth_profile(read(path, names), look.radii(first), look.optics)
+        edges, binned = smooth_profile(read_for_fields(path, names), look.radii(first), look.optics)
         rows.append([FIELDS[name].factor(first.units) * binned[name] for name in names])
     (length, unit), (year, time_unit) = in_units(first, "length"), in_units(first, "time")
-    between = year * between_times(np.array(times_of(files)[0]))
+    between = year * time_edges(np.array(times_of(files)[0]))
     labels = f"{'r' if first.dimensions == 2 else 'x'}{unit}", f"t{time_unit}"
     return {
         name: Picture(first, name, np.array([row[k] for row in rows]), length * edges, between, labels)
@@ -71,22 +71,26 @@ def in_time(files: Sequence[Path], names: Sequence[str], look: Look) -> Pictures
     }
 
 
-def between_times(times: Array) -> Array:
-    """Return edges (n + 1,) of bins around times (n,); a single time gets a bin of width 1."""
+def time_edges(times: Array) -> Array:
+    """Return edges (n + 1,) of time bins: halfway between successive times (n,), and at the first and last time.
+
+    A single time gets a bin of width 1.
+    """
     if len(times) == 1:
         return times[0] + np.array([-0.5, 0.5])
     return np.concatenate([times[:1], (times[1:] + times[:-1]) / 2, times[-1:]])
 
 
-def _plane(snap: Snapshot) -> None:
+def _require_plane(snap: Snapshot) -> None:
+    """Raise PlotError for a 1D snapshot."""
     if snap.dimensions == 1:
         raise PlotError("a run in one dimension has no map; expected --profile, --time or --against")
 
 
-def compared(one: Picture, other: Picture) -> tuple[Picture, Normalize, str]:
-    """Return the picture other / one, its colour range and its label. Raises PlotError.
+def comparison(one: Picture, other: Picture) -> tuple[Picture, Normalize, str]:
+    """Return the comparison of two pictures of a field, with its colour range and label. Raises PlotError.
 
-    For fields with a linear or signed scale the picture is other - one.
+    It is the ratio other / one for fields with a logarithmic scale, else the difference other - one.
     """
     if one.values.shape != other.values.shape or not all(
         np.allclose(a, b) for a, b in zip((one.x, one.y), (other.x, other.y), strict=True)

@@ -1,4 +1,4 @@
-"""Figures of the command `discsim plot`: kind, fields and snapshots of a figure, and its file."""
+"""Figures of the command `discsim plot`: choice of snapshots, fields and kind of figure, and the file written."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from discsim.output.fields.look import Look
 from discsim.output.files import refuse_special, replace_atomically
 from discsim.output.snapshot import files_of
 from discsim.plot import compose, pictures
-from discsim.plot.compose import Board
-from discsim.plot.sources import chosen, directory_of, name_of, read, times_of
+from discsim.plot.compose import PanelFigure
+from discsim.plot.sources import read_for_fields, run_directory, run_name, select_snapshots, times_of
 from discsim.version import __version__
 
 if TYPE_CHECKING:
@@ -30,8 +30,9 @@ FORMATS = (".png", ".pdf", ".svg")
 class Request:
     """A request for a figure.
 
-    `kind` is one of KINDS; None is a map, or a profile in 1D. `at` are times as texts. `against` is the field on the
-    x axis of a phase plot. `compare` adds the ratio of the second source to the first.
+    `sources` are directories of runs or snapshots, `words` names of fields with or without species. `kind` is one of
+    KINDS; None is a map, or a profile in 1D. `at` are times as texts. `against` is the field on the x axis of a
+    phase plot. `compare` adds the ratio (or difference) of the second source and the first.
     """
 
     sources: Sequence[Path]
@@ -44,10 +45,10 @@ class Request:
 
     def figure(self) -> Figure:
         """Return the figure. Raises PlotError, FieldError, SnapshotError."""
-        self._refuse_what_does_nothing()
-        return (self._in_time() if self.kind == "time" else self._at_times()).figure()
+        self._refuse_unused_options()
+        return (self._panels_against_time() if self.kind == "time" else self._panels_of_snapshots()).figure()
 
-    def _refuse_what_does_nothing(self) -> None:
+    def _refuse_unused_options(self) -> None:
         """Raise PlotError for an option that this kind of figure does not use."""
         if self.at and self.kind == "time":
             raise PlotError("--at: --time uses all snapshots; expected only one of the two")
@@ -61,62 +62,64 @@ class Request:
                 "of these"
             )
 
-    def _at_times(self) -> Board:
-        found = chosen(self.sources, self.at)
+    def _panels_of_snapshots(self) -> PanelFigure:
+        """Return the panels of a figure of single snapshots. Raises PlotError."""
+        found = select_snapshots(self.sources, self.at)
         if self.compare and len(found) != 2:
             raise PlotError("--compare: compares two snapshots; expected one DIR or FILE, and at most one --at")
-        names, snaps = self._read([each.path for each in found])
+        names, snaps = self._read_snapshots([each.path for each in found])
         head, titles = compose.titles_of(snaps, found)
         kind = self.kind or ("map" if snaps[0].dimensions == 2 else "profile")
         if self.compare and kind in ("profile", "phase"):
             raise PlotError("--compare: used only for maps, --polar and --time; expected the two runs as DIR DIR")
-        flat = compose.flat(names)
+        fields = compose.unique_names(names)
         if kind == "phase":
-            return Board(
+            return PanelFigure(
                 head,
-                compose.of_phase(snaps, flat, self.against or "radius", titles, self.look),
-                headed=any(titles),
-                apart=0.4,
+                compose.phase_panels(snaps, fields, self.against or "radius", titles, self.look),
+                has_titles=any(titles),
+                extra_space=0.4,
             )
         look = self.look.shared(snaps, kind)
         if kind == "profile":
-            rows = compose.of_profiles(snaps, names, titles, look)
-            return Board(head, rows, compose.WIDE, compose.notes_of(flat, look))
-        make: pictures.MakePictures = {"map": pictures.maps, "polar": pictures.polar}[kind]
-        made = [make(snap, flat, look) for snap in snaps]
-        rows = compose.of_pictures(made, titles, look, compare=self.compare)
-        return Board(head, rows, notes=compose.notes_of(flat, look, made), headed=any(titles))
+            rows = compose.profile_panels(snaps, names, titles, look)
+            return PanelFigure(head, rows, compose.PROFILE_WIDTH, compose.notes_of(fields, look))
+        make: pictures.MakePictures = {"map": pictures.map_pictures, "polar": pictures.polar_pictures}[kind]
+        made = [make(snap, fields, look) for snap in snaps]
+        rows = compose.picture_panels(made, titles, look, compare=self.compare)
+        return PanelFigure(head, rows, notes=compose.notes_of(fields, look, made), has_titles=any(titles))
 
-    def _in_time(self) -> Board:
-        runs = [(files_of(source), name_of(source)) for source in self.sources]
+    def _panels_against_time(self) -> PanelFigure:
+        """Return the panels of a figure against time. Raises PlotError."""
+        runs = [(files_of(source), run_name(source)) for source in self.sources]
         if min(len(files) for files, _ in runs) < 2:
             raise PlotError("--time: needs all snapshots of a run; expected the directory of the run")
-        names, snaps = self._read([files[0] for files, _ in runs])
-        flat, look = compose.flat(names), self.look.shared(snaps, "time")
-        made = [pictures.in_time(files, flat, look) for files, _ in runs]
+        names, snaps = self._read_snapshots([files[0] for files, _ in runs])
+        fields, look = compose.unique_names(names), self.look.shared(snaps, "time")
+        made = [pictures.time_pictures(files, fields, look) for files, _ in runs]
         titles = [figure_text(name) for _, name in runs] if len(runs) > 1 else [""]
         head = figure_text(snaps[0].title) if len(runs) == 1 else ""
-        rows = compose.of_pictures(made, titles, look, compare=self.compare)
-        return Board(head, rows, notes=compose.notes_of(flat, look), headed=any(titles))
+        rows = compose.picture_panels(made, titles, look, compare=self.compare)
+        return PanelFigure(head, rows, notes=compose.notes_of(fields, look), has_titles=any(titles))
 
-    def _read(self, paths: Sequence[Path]) -> tuple[list[list[str]], list[Snapshot]]:
-        """Return the field names for each word that all snapshots have, and the snapshots with the needed columns.
+    def _read_snapshots(self, paths: Sequence[Path]) -> tuple[list[list[str]], list[Snapshot]]:
+        """Return the names of fields for each of the words, and the snapshots with the columns that these need.
 
-        Raises PlotError.
+        Names that only some of the snapshots have are left out. Raises PlotError.
         """
         every = [times_of([path])[1] for path in paths]
         if any(vars(units) != vars(every[0]) for units in every):
             raise PlotError("the runs have different dimensions or units; expected the same for all runs")
-        words = list(self.words) or compose.usual_words(every[0].dimensions)
-        wanted = compose.all_names([*words, *([self.against or "radius"] if self.kind == "phase" else [])])
-        snaps = [read(path, wanted) for path in paths]
+        words = list(self.words) or compose.default_words(every[0].dimensions)
+        wanted = compose.matching_names([*words, *([self.against or "radius"] if self.kind == "phase" else [])])
+        snaps = [read_for_fields(path, wanted) for path in paths]
         return compose.words_to_names(words, snaps), snaps
 
 
-def usual_path(request: Request, ending: str = ".png") -> Path:
-    """Return the default path of a figure: in `plots` of the first run, or next to a single snapshot."""
+def default_path(request: Request, ending: str = ".png") -> Path:
+    """Return the default path of a figure: in the folder "plots" of the first run, or next to a single snapshot."""
     first = request.sources[0]
-    directory = directory_of(first)
+    directory = run_directory(first)
     words = "-".join(request.words) or "surface_density"
     name = "-".join(part for part in (words, request.kind or "", "compared" if request.compare else "") if part)
     if directory is None:

@@ -1,4 +1,4 @@
-"""Selection of snapshots from runs and files, by time, without reading particles."""
+"""Selection of snapshots by time, from directories of runs or single files, without reading particles."""
 
 from __future__ import annotations
 
@@ -19,38 +19,41 @@ Source = Snapshot | str | Path
 
 
 @dataclass(frozen=True)
-class Named:
+class NamedSnapshot:
     """The file of a snapshot, and the name of its run for titles."""
 
     path: Path
     name: str
 
 
-def directory_of(source: Path) -> Path | None:
-    """Return the directory of the run of a directory or snapshot; None for a file elsewhere."""
+def run_directory(source: Path) -> Path | None:
+    """Return the run's directory that `source` is or lies in; None for a file that is not in a folder "snapshots"."""
     if source.is_dir():
         return source.parent if source.resolve().name == "snapshots" else source
     return source.resolve().parent.parent if source.resolve().parent.name == "snapshots" else None
 
 
-def name_of(source: Path) -> str:
-    """Return the name of the run's directory, or the name of a file elsewhere."""
-    directory = directory_of(source)
+def run_name(source: Path) -> str:
+    """Return the name of the run's directory; for a file outside a run, the file's name without suffix."""
+    directory = run_directory(source)
     return directory.resolve().name if directory is not None else source.stem
 
 
-def chosen(sources: Iterable[Path], at: Sequence[str] = ()) -> list[Named]:
-    """Return the last snapshot of each source, or those nearest to the times `at`. Raises PlotError, SnapshotError."""
+def select_snapshots(sources: Iterable[Path], at: Sequence[str] = ()) -> list[NamedSnapshot]:
+    """Return the last snapshot of each source, or its snapshot nearest to each time in `at`.
+
+    Raises PlotError, SnapshotError.
+    """
     found = []
     for source in sources:
         files = files_of(source)
-        picked = [nearest(files, text) for text in at] if at else files[-1:]
-        found += [Named(path, name_of(source)) for path in picked]
+        picked = [nearest_snapshot(files, text) for text in at] if at else files[-1:]
+        found += [NamedSnapshot(path, run_name(source)) for path in picked]
     return found
 
 
-def nearest(files: Sequence[Path], text: str) -> Path:
-    """Return the snapshot nearest to a time like "700 yr", in code units a number. Raises PlotError."""
+def nearest_snapshot(files: Sequence[Path], text: str) -> Path:
+    """Return the snapshot nearest to a time: a text like "700 yr", or a number in code units. Raises PlotError."""
     times, units = times_of(files)
     try:
         wanted = units.of_text(text, "time")
@@ -69,8 +72,11 @@ def times_of(files: Sequence[Path]) -> tuple[list[float], Units]:
     return times, units
 
 
-def read(source: Source, names: Iterable[str]) -> Snapshot:
-    """Return a snapshot in the frame of its centre, with the columns that fields need; the last one of a directory."""
+def read_for_fields(source: Source, names: Iterable[str]) -> Snapshot:
+    """Return a snapshot in the frame of the disc's centre, with the columns that the fields `names` need.
+
+    From a directory the last snapshot is read.
+    """
     if isinstance(source, Snapshot):
         return source.about_centre()
     return read_snapshot(files_of(source)[-1], columns(names)).about_centre()

@@ -42,7 +42,7 @@ def write(comm: Comm, path: Path, divided: bool, fill: Callable[[Any], None], be
     if not divided:
         on_root(comm, lambda: fill(hdf5.create))
         return
-    stem, made = on_root(comm, lambda: (parts.stem_of(path, before), os.urandom(8).hex()))
+    stem, made = on_root(comm, lambda: (parts.create_stem(path, before), os.urandom(8).hex()))
     part = parts.Part(path, stem, comm.rank, made)
     try:
         raise_together(comm, lambda: fill(part.create))

@@ -21,7 +21,7 @@ from discsim.output.contents import Extent, extent_of
 from discsim.output.history import history_row
 from discsim.output.layout import GROUPS
 from discsim.output.open_step import KICKED, open_step_of
-from discsim.output.parts import tidy
+from discsim.output.parts import remove_unused_parts
 from discsim.output.snapshot import write_snapshot
 from discsim.printable import printable
 from discsim.ranks import files
@@ -213,7 +213,7 @@ class DividedRun(Run):
                 self.sim.state = own
 
         files.write(self.comm, self.checkpoints.last, divided, fill, self.checkpoints.before)
-        self.on_root(lambda: tidy(self.directory))
+        self.on_root(lambda: remove_unused_parts(self.directory))
         self.saved_at, self.saved_time = time.monotonic(), self.sim.time
 
     def _finish(self) -> int:

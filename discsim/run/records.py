@@ -22,7 +22,7 @@ class Records:
 
     def __init__(self, scene: Scene, directory: Path) -> None:
         self.directory = directory
-        self.tables = [(*HISTORY, columns_of(scene))] + ([COMPANIONS] if companions.written_for(scene) else [])
+        self.tables = [(*HISTORY, columns_of(scene))] + ([COMPANIONS] if companions.has_companions(scene) else [])
         self._rows: dict[str, list[list[str]]] = {}
         self._files: dict[str, History] = {}
 

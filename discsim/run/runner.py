@@ -18,7 +18,7 @@ from discsim.output import hdf5
 from discsim.output.checkpoint import OtherVersionWarning, Scalar, Values, other_version, write_checkpoint
 from discsim.output.files import command, replace_atomically
 from discsim.output.open_step import open_step_of
-from discsim.output.parts import tidy
+from discsim.output.parts import remove_unused_parts
 from discsim.output.snapshot import write_snapshot
 from discsim.preview.derived import effect_rows
 from discsim.preview.forecast import learn
@@ -271,8 +271,8 @@ class Run:
         folder.mkdir(exist_ok=True)
         for path in later_snapshots(folder, self.snapshots):
             path.unlink()
-        tidy(self.directory)
-        tidy(folder)
+        remove_unused_parts(self.directory)
+        remove_unused_parts(folder)
         self.progress.open_log(self.directory / "run.log", resume)
         self.records.open()
 
@@ -359,7 +359,7 @@ class Run:
 
     def _save_checkpoint(self) -> None:
         self._write_checkpoint(hdf5.create)
-        tidy(self.directory)
+        remove_unused_parts(self.directory)
         self.saved_at, self.saved_time = time.monotonic(), self.sim.time
 
     def _write_checkpoint(self, into: Any) -> None:

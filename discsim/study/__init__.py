@@ -1,1 +1,1 @@
-"""Cost and accuracy studies: errors of runs, tables of runs, parameter sweeps, and the search for cheap settings."""
+"""Cost and accuracy studies: errors of runs, tables of runs, parameter sweeps, and searches for cheap settings."""

@@ -1,8 +1,8 @@
-"""The cheapest settings of a scene for a given error: the search of `search.py` over the knobs of `knobs.py`.
+"""Search for the cheapest settings of a scene at a given error (`discsim cost --error`).
 
-Each run is recorded as soon as it ends. All decisions of the search follow from recorded runs, so a search that was
-stopped repeats the same steps without repeating its runs. Runs use one thread. Further runs of the same settings use
-the next seeds.
+The knobs are those of `knobs.py`, the method is that of `search.py`. Each run is recorded as soon as it ends. All
+decisions follow from recorded runs, so a search that was stopped repeats the same decisions without repeating runs.
+Runs use one thread, unless the scene sets `run.threads`. Further runs of the same settings use the next seeds.
 """
 
 from __future__ import annotations
@@ -34,17 +34,19 @@ from discsim.version import __version__
 
 _FRACTION = re.compile(r"[0-9]*\.[0-9]+")
 SCENE = "scene"  # argument of --error for the scene's own error
-OWN_SEEDS = 2  # seeds of the reference run; their difference is the floor of the error
-MOST_LEARNT = 10  # settings of the frontier that are recorded for `discsim check`, at most
-FINER = 2.0  # factor in particle number from the scene to the reference run, by default
+REFERENCE_SEEDS = 2  # seeds of the reference run; smaller errors than their difference cannot be measured
+MAX_RECORDED = 10  # settings of the frontier that are recorded for `discsim check`, at most
+FINER = 2.0  # default particle number of the reference run over that of the scene
 
 
 @dataclass
 class Wanted:
     """Options of a search.
 
-    `error` is the goal, None for the scene's own error. `budget` is in seconds of wall-clock time. `reference` has
-    the settings of the reference run.
+    `error` is the goal, None for the error of the unchanged scene. `budget` is in seconds of wall-clock time.
+    `measure` is the name of the error measure, None for the default. `reference` has the settings of the reference
+    run as texts. `varied` and `keep` are knobs to add and to leave out. `repeat` is the number of seeds, `parallel`
+    the number of runs at a time.
     """
 
     error: float | None
@@ -61,17 +63,17 @@ def wanted(
     error: str, budget: str, measure: str | None, reference: Sequence[str], varied: Sequence[Varied],
     keep: Sequence[str], repeat: int, parallel: int,
 ) -> Wanted:  # fmt: skip
-    """Return the options from texts of the command line. Raises StudyError."""
+    """Return the options of a search from the arguments of the command line. Raises StudyError."""
     for text in reference:
         key, equals, value = text.partition("=")
         if not (key.strip() and equals and value.strip()):
             raise StudyError(f"--reference {text}: not a key with a value; expected one like run.courant=0.2")
-    goal, time_there_is = _goal_in(error), _budget_in(budget)
+    goal, time_there_is = _parsed_error(error), _parsed_budget(budget)
     return Wanted(goal, time_there_is, measure, tuple(reference), tuple(varied), tuple(keep), repeat, parallel)
 
 
-def _goal_in(text: str) -> float | None:
-    """Return the error that --error gives; None for the scene's own. Raises StudyError."""
+def _parsed_error(text: str) -> float | None:
+    """Return the argument of --error as a number; None for the error of the scene. Raises StudyError."""
     if text == SCENE:
         return None
     try:
@@ -84,7 +86,8 @@ def _goal_in(text: str) -> float | None:
     return goal
 
 
-def _budget_in(text: str) -> float:
+def _parsed_budget(text: str) -> float:
+    """Return the argument of --budget in seconds. Raises StudyError."""
     try:
         budget = seconds(text)
     except UnitError:
@@ -94,8 +97,8 @@ def _budget_in(text: str) -> float:
     return budget
 
 
-class Workshop:
-    """Execution of the runs of a search; recorded runs are reused. Implements the protocol `trials.Bench`."""
+class RecordingRunner:
+    """Maker of the runs of a search, which implements the protocol `trials.Runner`; recorded runs are reused."""
 
     def __init__(self, runs: Runs, knobs: Knobs, measure: Measure, wanted: Wanted, say: Say) -> None:
         self.runs, self.knobs, self.measure, self.say = runs, knobs, measure, say
@@ -103,7 +106,7 @@ class Workshop:
         self.seed = knobs.base.scene.run.seed
         self.trials: dict[Place, Trial] = {}
         self.reference: Run | None = None
-        self.kept = {_key(settings): run for settings, run in runs.open({"search": "cheapest"})}
+        self.kept = {_hashable(settings): run for settings, run in runs.open({"search": "cheapest"})}
         self.counted: set[tuple[tuple[str, str], ...]] = set()
         self.count, self.cpu = 0, 0.0  # number and CPU seconds of the runs of this search, recorded ones included
 
@@ -112,9 +115,9 @@ class Workshop:
         return self.knobs.settings(place) is not None
 
     def run(self, places: Sequence[Place], number: int = 1, most: float = math.inf) -> None:
-        """Run each place with `number` seeds. Raises BudgetError.
+        """Make runs until the trial of each place has `number` seeds. Raises BudgetError.
 
-        A run is given up after `most` CPU seconds; its trial is then stopped.
+        A run is stopped after `most` CPU seconds; its trial then has no further runs.
         """
         for seed in range(number):
             todo = [
@@ -143,43 +146,43 @@ class Workshop:
         return self.seeded(settings, seed)
 
     def seeded(self, settings: Settings, seed: int) -> Settings:
-        """Return the settings with the seed number `seed` of the scene's sequence."""
+        """Return the settings with the seed of the scene plus `seed`."""
         return settings | ({"run.seed": str(self.seed + seed)} if seed else {})
 
     def found(self, wanted: Sequence[Settings], most: float = math.inf) -> list[Run]:
-        """Return a run for each of the settings, recorded or made now. Raises BudgetError after the deadline."""
-        todo = [each for each in wanted if not self._is_kept(each, most)]
+        """Return a run of each of the settings, recorded or made now. Raises BudgetError after the deadline."""
+        todo = [each for each in wanted if not self._is_recorded(each, most)]
         if self.parallel == 1:
             for each in todo:
-                self._made([each], most)
+                self._make_runs([each], most)
         elif todo:
-            self._made(todo, most)
+            self._make_runs(todo, most)
         for each in wanted:
-            if _key(each) not in self.counted:
-                self.counted.add(_key(each))
-                self.count, self.cpu = self.count + 1, self.cpu + self.kept[_key(each)]["cpu"]
-        return [self.kept[_key(each)] for each in wanted]
+            if _hashable(each) not in self.counted:
+                self.counted.add(_hashable(each))
+                self.count, self.cpu = self.count + 1, self.cpu + self.kept[_hashable(each)]["cpu"]
+        return [self.kept[_hashable(each)] for each in wanted]
 
-    def _is_kept(self, settings: Settings, most: float) -> bool:
-        """Return whether a usable run is recorded; a run given up at a much lower limit is not usable."""
-        run = self.kept.get(_key(settings))
+    def _is_recorded(self, settings: Settings, most: float) -> bool:
+        """Return whether the record has a run of these settings; a run stopped at a much lower limit does not count."""
+        run = self.kept.get(_hashable(settings))
         return run is not None and ("most" not in run or most <= 1.5 * run["most"])
 
-    def _made(self, todo: Sequence[Settings], most: float) -> None:
+    def _make_runs(self, todo: Sequence[Settings], most: float) -> None:
         """Make and record runs. Raises BudgetError after the deadline."""
         if time.monotonic() > self.deadline:
             raise BudgetError
         try:
             limits = Limits(most, self.deadline)
             for settings, run in zip(todo, self.runs.made(todo, self.say, self.parallel, limits), strict=True):
-                self.kept[_key(settings)] = run
+                self.kept[_hashable(settings)] = run
                 self.runs.keep(settings, run)
-                self.say(f"  {in_words(settings)}: {self._words(run)}")
+                self.say(f"  {in_words(settings)}: {self._run_text(run)}")
         except DeadlineError as late:
             self.cpu += late.cpu
             raise BudgetError from None
 
-    def _words(self, run: Run) -> str:
+    def _run_text(self, run: Run) -> str:
         if "stopped" in run:
             return str(run["stopped"])
         known = self.measure.exact or self.reference is not None
@@ -188,7 +191,7 @@ class Workshop:
 
 
 class Cheapest:
-    """A search with its scene, directory and results. Raises StudyError, SceneError."""
+    """A search for the cheapest settings of a scene, with its directory and results. Raises StudyError, SceneError."""
 
     def __init__(
         self, scene: Path, directory: Path, wanted: Wanted, settings: Sequence[str] = (), without: Sequence[str] = ()
@@ -198,21 +201,21 @@ class Cheapest:
         loaded = load_scene(scene, settings, without)
         single = [] if loaded.run.threads else ["run.threads=1"]  # total CPU time is least with one thread
         self.runs = Runs(scene, directory, [*settings, *single], without)
-        self.measure = _measure(measures_of(loaded), wanted.measure)
-        self.knobs = Knobs(self.runs.scene, wanted.varied, wanted.keep, **self._finest())
-        self.finer = self._finer()
+        self.measure = _selected_measure(measures_of(loaded), wanted.measure)
+        self.knobs = Knobs(self.runs.scene, wanted.varied, wanted.keep, **self._limit_of_particles())
+        self.finer = self._reference_settings()
         self.goal = wanted.error or 0.0
         self.floor = 0.0  # error below which differences are due to the seed
         self.found: Trial | None = None
         self.ended = ""  # the reason for the end of the search, if it found nothing or was cut short
         self.begun = time.monotonic()
 
-    def _finest(self) -> dict[str, int]:
-        """Return arguments of `Knobs`: without an exact solution no setting may have more particles than the scene."""
+    def _limit_of_particles(self) -> dict[str, int]:
+        """Return arguments of `Knobs`: without an exact solution, the scene limits particle numbers."""
         return {} if self.measure.exact else {"finest": 0}
 
-    def _finer(self) -> Settings:
-        """Return the settings of the reference run; {} with an exact solution. Raises StudyError, SceneError."""
+    def _reference_settings(self) -> Settings:
+        """Return the settings of the reference run; {} if there is an exact solution. Raises StudyError, SceneError."""
         if self.measure.exact:
             return {}
         if self.wanted.reference:
@@ -225,34 +228,31 @@ class Cheapest:
         return settings
 
     @property
-    def bench(self) -> Workshop:
-        assert self._bench is not None
-        return self._bench
+    def runner(self) -> RecordingRunner:
+        assert self._runner is not None
+        return self._runner
 
-    _bench: Workshop | None = None
+    _runner: RecordingRunner | None = None
 
     @property
     def scene(self) -> Trial | None:
         """The trial of the unchanged scene; None if it has no run."""
-        trial = self.bench.trials.get(tuple(0 for _ in self.knobs.all))
+        trial = self.runner.trials.get(tuple(0 for _ in self.knobs.all))
         return trial if trial and trial.runs else None
 
     def make(self, title: str) -> bool:
-        """Search, print the results, and write cost.png and cheapest.toml.
-
-        Returns whether the error was reached.
-        """
+        """Search, print the results, and write cost.png and cheapest.toml. Return whether the goal was reached."""
         from discsim.study.frontier import frontier_figure, show
 
         console = Console(markup=False, highlight=False, emoji=False, soft_wrap=True)
         console.width = max(console.width, WIDTH)
         log = self.directory / "cost.log"
         (self.directory / "cheapest.toml").unlink(missing_ok=True)
-        say = _Teller(console, log)
-        self._bench = Workshop(self.runs, self.knobs, self.measure, self.wanted, say)
+        say = _LoggedConsole(console, log)
+        self._runner = RecordingRunner(self.runs, self.knobs, self.measure, self.wanted, say)
         say(f"discsim {__version__}")
         say(
-            f"{title}: search for the least CPU time with an error of {self._goal_words()}, into "
+            f"{title}: search for the least CPU time with an error of {self._goal_text()}, into "
             f"{printable(self.directory)}"
         )
         say("knobs: " + ", ".join(knob.name for knob in self.knobs.all))
@@ -260,59 +260,62 @@ class Cheapest:
             self._search(say)
         except BudgetError:
             self.ended = f"the budget of {clock(self.wanted.budget)} is used up"
-            trials = [t for t in self._bench.trials.values() if t.runs and t.error <= self.goal]
+            trials = [t for t in self._runner.trials.values() if t.runs and t.error <= self.goal]
             self.found = min(trials, key=lambda trial: trial.cpu, default=None)
         with console.capture() as text:
             show(self, console)
         say(text.get().rstrip())
-        if any(trial.runs for trial in self.bench.trials.values()):
+        if any(trial.runs for trial in self.runner.trials.values()):
             with replace_atomically(self.directory / "cost.png", ".png") as temporary:
                 frontier_figure(self, temporary)
             say(f"figure {printable(self.directory / 'cost.png')}")
-            self._learn()
+            self._record_estimates()
         if self.found is not None:
-            self._write()
+            self._write_cheapest()
             path = printable(self.directory / "cheapest.toml")
             say(f"scene {path}, which takes: discsim run {path}")
         for what, kept in (("runs", self.directory / RUNS), ("log", log)):
             say(f"{what} {printable(kept)}")
         return self.found is not None
 
-    def _goal_words(self) -> str:
+    def _goal_text(self) -> str:
         return SCENE if self.wanted.error is None else f"{100.0 * self.wanted.error:.3g}%"
 
     def _search(self, say: Say) -> None:
         if not self.measure.exact:
-            self._compare(say)
+            self._run_reference(say)
         scene = tuple(0 for _ in self.knobs.all)
         if self.wanted.error is None:
-            self.bench.run([scene], self.wanted.repeat)
+            self.runner.run([scene], self.wanted.repeat)
             if self.scene is None:
                 raise StudyError(
-                    f"the error of the scene cannot be measured: it was {self.bench.trials[scene].stopped}"
+                    f"the error of the scene cannot be measured: it was {self.runner.trials[scene].stopped}"
                 )
             self.goal = self.scene.error
         if self.goal < self.floor:
             say(f"{percent(self.goal)} is below the scatter between seeds: the search is for {percent(self.floor)}")
             self.goal = self.floor
-        search = Search(self.knobs.all, self.bench, self.goal, self.knobs.start(), say, self.wanted.repeat)
+        search = Search(self.knobs.all, self.runner, self.goal, self.knobs.start(), say, self.wanted.repeat)
         self.found = search.run()
-        if not search.done():
-            raise StudyError(f"no run completed; the scene was {self.bench.trials[scene].stopped}")
+        if not search.finished_trials():
+            raise StudyError(f"no run completed; the scene was {self.runner.trials[scene].stopped}")
         if self.found is None:
             self.ended = "no tested setting reaches it"
 
-    def _compare(self, say: Say) -> None:
-        """Run the reference with OWN_SEEDS seeds: runs are compared with the mean; the mean difference is the floor."""
+    def _run_reference(self, say: Say) -> None:
+        """Run the reference with REFERENCE_SEEDS seeds; set `runner.reference` to the mean, `floor` to the difference.
+
+        Raises StudyError, BudgetError.
+        """
         say(f"no exact solution is used; the reference run has {in_words(self.finer)}")
-        runs = self.bench.found([self.bench.seeded(self.finer, seed) for seed in range(OWN_SEEDS)])
+        runs = self.runner.found([self.runner.seeded(self.finer, seed) for seed in range(REFERENCE_SEEDS)])
         for run in runs:
             if "stopped" in run:
                 raise StudyError(
                     f"the reference run ({label_of(self.finer)}) was {run['stopped']}; expected other settings in "
                     "--reference"
                 )
-        self.bench.reference = mean_of(runs)
+        self.runner.reference = mean_of(runs)
         self.floor = fmean(self.measure.error(one, other) for one, other in combinations(runs, 2))
         say(f"floor: two seeds of it differ by {percent(self.floor)}; smaller errors are not resolved")
 
@@ -325,30 +328,30 @@ class Cheapest:
     def front(self) -> list[Trial]:
         """Return the Pareto front, the cheapest first: no other trial is both cheaper and at least as accurate."""
         found: list[Trial] = []
-        for trial in sorted((t for t in self.bench.trials.values() if t.runs), key=lambda t: t.cpu):
+        for trial in sorted((t for t in self.runner.trials.values() if t.runs), key=lambda t: t.cpu):
             if not found or trial.error < found[-1].error:
                 found.append(trial)
         return found
 
     def best(self) -> Trial | None:
-        """Return the trial found, or else the trial with the smallest error."""
-        done = [trial for trial in self.bench.trials.values() if trial.runs]
+        """Return the result of the search, or without one the trial with the smallest error."""
+        done = [trial for trial in self.runner.trials.values() if trial.runs]
         return self.found or min(done, key=lambda trial: trial.error, default=None)
 
-    def _learn(self) -> None:
+    def _record_estimates(self) -> None:
         """Record the errors and costs of the frontier and of the scene, for estimates of `discsim check`."""
-        for trial in dict.fromkeys(t.place for t in (*self.front()[-MOST_LEARNT:], self.found, self.scene) if t):
-            there = self.bench.trials[trial]
+        for trial in dict.fromkeys(t.place for t in (*self.front()[-MAX_RECORDED:], self.found, self.scene) if t):
+            there = self.runner.trials[trial]
             changes = [f"{key}={value}" for key, value in self.settings_of(there).items()]
             scene = load_scene(self.path, [*self.settings, *changes], self.without)
             learn(scene, self.measure.name, there.error, there.cpu)
 
-    def _write(self) -> None:
+    def _write_cheapest(self) -> None:
         assert self.found is not None
         changes = [f"{key}={value}" for key, value in self.settings_of(self.found).items()]
         text = load_scene(self.path, [*self.settings, *changes], self.without).text
         head = (
-            f"# Found by: discsim cost {printable(self.path)} --error {self._goal_words()}\n"
+            f"# Found by: discsim cost {printable(self.path)} --error {self._goal_text()}\n"
             f"# {self.measure.name}: error {percent(self.found.error)}, {self.found.cpu:.3g} s of CPU on one thread; "
             f"changed: {printable(', '.join(changes) or 'nothing')}\n"
         )
@@ -356,8 +359,8 @@ class Cheapest:
             temporary.write_text(head + text, encoding="utf-8")
 
 
-class _Teller:
-    """Printer of lines that also appends them to a log once its directory exists."""
+class _LoggedConsole:
+    """Printer of lines on the console that also appends them to a log, as soon as its directory exists."""
 
     def __init__(self, console: Console, log: Path) -> None:
         self.console, self.log = console, log
@@ -373,18 +376,18 @@ class _Teller:
 
 
 def in_words(settings: Settings) -> str:
-    """Return settings as text with four digits; the unchanged scene has a text of its own."""
+    """Return settings as text, with numbers rounded to four digits; "the scene" if they change none but the seed."""
     short = {key: f"{float(text):.4g}" if _FRACTION.fullmatch(text) else text for key, text in settings.items()}
     own = [] if settings.keys() - {"run.seed"} else ["the scene"]
     return ", ".join([*own, *([label_of(short)] if short else [])])
 
 
-def _key(settings: Settings) -> tuple[tuple[str, str], ...]:
-    """Return settings as a key of a dict."""
+def _hashable(settings: Settings) -> tuple[tuple[str, str], ...]:
+    """Return settings as a tuple, which can be a key of a dict."""
     return tuple(sorted(settings.items()))
 
 
-def _measure(known: dict[str, Measure], name: str | None) -> Measure:
+def _selected_measure(known: dict[str, Measure], name: str | None) -> Measure:
     """Return the measure `name`, or the default measure. Raises StudyError."""
     if not known:
         raise StudyError("this scene has neither gas nor dust to measure")

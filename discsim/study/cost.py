@@ -1,7 +1,6 @@
-"""Cost study: a scene is run with all combinations of some values, and the errors are compared with CPU times.
+"""Cost study: runs of a scene with all combinations of given values, to compare their errors and CPU times.
 
-Each repetition runs all combinations before the next one starts, so that a phase of high load on the computer
-affects all of them.
+All combinations are run once before any is repeated, so that high load on the computer affects them equally.
 """
 
 from __future__ import annotations
@@ -26,7 +25,10 @@ WIDTH = 110  # width of the tables in characters, also without a terminal
 
 
 class Study:
-    """The runs of a study and their directory. Raises StudyError, SceneError."""
+    """A cost study: combinations of values, their runs, and their directory. Raises StudyError, SceneError.
+
+    `repeat` is the number of runs of each combination, `reference` the combination with which others are compared.
+    """
 
     def __init__(
         self, scene: Path, varied: Sequence[Varied], repeat: int, directory: Path,
@@ -42,14 +44,14 @@ class Study:
 
     @property
     def exact(self) -> str | None:
-        """A description of the error, if every combination has an exact solution; else None."""
+        """Description of the error as text, if all combinations have an exact solution; else None."""
         return self.measures[0].words if all(self.measures) and self.measures[0] else None
 
     # Running
 
     def run(self, say: Say, parallel: int = 1) -> None:
-        """Make the missing runs, and record each of them as soon as it ends."""
-        self._open()
+        """Make the runs that are not recorded yet, and record each as soon as it ends."""
+        self._read_recorded_runs()
         todo = [
             (point, number)
             for number in range(self.repeat)
@@ -57,15 +59,18 @@ class Study:
             if len(point.runs) <= number and not (point.runs and not point.done)
         ]
         total, begun = len(self.points) * self.repeat, time.monotonic()
-        for count, (point, run) in enumerate(self._made(todo, say, parallel), 1):
+        for count, (point, run) in enumerate(self._make_runs(todo, say, parallel), 1):
             point.runs.append(run)
             self.runs.keep(point.settings, run)
             left = (time.monotonic() - begun) / count * (len(todo) - count)
             what = run.get("stopped") or f"{run['cpu']:.3g} s of CPU, {run['steps']} steps"
             say(f"{total - len(todo) + count}/{total}  {label_of(point.settings)}: {what}  {clock(left)} left")
-        self._judge()
+        self._set_errors()
 
-    def _made(self, todo: list[tuple[Point, int]], say: Say, parallel: int) -> Iterator[tuple[Point, dict[str, Any]]]:
+    def _make_runs(
+        self, todo: list[tuple[Point, int]], say: Say, parallel: int
+    ) -> Iterator[tuple[Point, dict[str, Any]]]:
+        """Make the runs, given as (point, repetition), and yield each point with its result."""
         if parallel > 1:
             points = [point for point, _ in todo]
             yield from zip(points, self.runs.made([p.settings for p in points], say, parallel), strict=True)
@@ -75,15 +80,15 @@ class Study:
                 continue  # a run that stopped would stop again
             yield point, next(self.runs.made([point.settings], say))
 
-    def _open(self) -> None:
+    def _read_recorded_runs(self) -> None:
         """Read the recorded runs. Raises StudyError if they belong to another study."""
         for settings, run in self.runs.open({"varied": [each.name for each in self.varied]}):
             for point in self.points:
                 if point.settings == settings and len(point.runs) < self.repeat:
                     point.runs.append(run)
 
-    def _judge(self) -> None:
-        """Compute errors against the exact solution, or against the run with the most particle updates."""
+    def _set_errors(self) -> None:
+        """Set the errors of all points, against the exact solution or the run with the most particle updates."""
         done = [point for point in self.points if point.done]
         if self.exact:
             for point in done:
@@ -97,7 +102,7 @@ class Study:
                 point.errors = profile_errors(point.runs[0]["profiles"], self.reference.runs[0]["profiles"])
 
     def make(self, title: str, parallel: int) -> bool:
-        """Run, write cost.csv and cost.png, and print the results, also to cost.log. Returns True."""
+        """Make the runs, write cost.csv and cost.png, and print the results, also to cost.log. Return True."""
         console = Console(markup=False, highlight=False, emoji=False, soft_wrap=True)
         console.width = max(console.width, WIDTH)
         lines: list[str] = []
@@ -135,11 +140,11 @@ class Study:
 
     @property
     def axis(self) -> Varied | None:
-        """The varied keys along the lines of table and figure; see `axis_of`."""
+        """The varied keys that are the axis of tables and figures; see `axis_of`."""
         return axis_of(self.varied)
 
     def lines(self) -> dict[str, list[Point]]:
-        """Return the points with an error by their other settings, in the order of the values on the axis."""
+        """Return lists of points with an error that differ only in the keys of `axis`; see `lines_of`."""
         return lines_of((point for point in self.points if point.error), self.axis)
 
     def front(self) -> list[Point]:

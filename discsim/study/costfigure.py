@@ -1,4 +1,4 @@
-"""The figure of a cost study: error against CPU seconds, with one line per combination of the settings off the axis."""
+"""The figure of a cost study: error against CPU seconds, with a line for runs that differ only in the keys `axis`."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def cost_figure(study: Study, path: Path) -> None:
-    """Draw lines, Pareto front (rings) and slopes of -1 and -2 to the PNG file `path`."""
+    """Draw lines of runs, the Pareto front (circles), and slopes of -1 and -2, to the PNG file `path`."""
     figure = Figure(figsize=(7.5, 5.5), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()

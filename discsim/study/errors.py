@@ -1,8 +1,8 @@
 """Errors of a run against exact solutions, and changes of conserved quantities.
 
-Each start with an exact solution defines its own measure (`discsim/initial`). For most starts it is the rms over
-particles of the difference from the exact velocity at the particle's position. The scale is the largest exact
-velocity relative to the frame of the start.
+Each start with an exact solution defines its own error (`discsim/initial`). For most starts it is the rms over
+particles of the difference from the exact velocity at the particle's position, divided by the largest exact velocity
+in the frame of the start.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from discsim.physics.eos import eos_of
 from discsim.run.simulation import Simulation
 
 Array = np.ndarray
-RINGS = 24  # rings of a disc's radial profile, and squares per side of other maps
+RINGS = 24  # rings of the profile of a disc, or squares along each side of a box
 
 
 def measure_of(scene: Any) -> ErrorMeasure | None:
-    """Return the measure of the error against the exact solution; None if the scene has none."""
+    """Return the measure of the error against the exact solution; None if the scene has no exact solution."""
     if scene.initial is None:
         return None
     start = start_of(scene)
@@ -32,9 +32,9 @@ def measure_of(scene: Any) -> ErrorMeasure | None:
 
 
 def profiles(sim: Simulation) -> dict[str, list[float]]:
-    """Return the mass of each species in rings of a disc or squares of a box, as flat lists.
+    """Return the mass in rings of a disc, or in squares of a box, by species as flat lists.
 
-    Runs without an exact solution are compared by these.
+    They are used to compare runs if there is no exact solution.
     """
     scene, out = sim.scene, {}
     for kind, p in sim.state.species.items():
@@ -50,7 +50,10 @@ def profiles(sim: Simulation) -> dict[str, list[float]]:
 
 
 def profile_errors(found: dict[str, list[float]], reference: dict[str, list[float]]) -> dict[str, float]:
-    """Return by species the fraction of mass in other bins than in the reference, 0.5 sum |m - m_ref| / sum m_ref."""
+    """Return by species the fraction of the mass in a wrong bin, 0.5 sum |m - m_ref| / sum m_ref.
+
+    `found` and `reference` have the masses m and m_ref in bins, from `profiles`.
+    """
     return {
         kind: float(0.5 * np.abs(np.subtract(mass, reference[kind])).sum() / max(np.sum(reference[kind]), 1e-300))
         for kind, mass in found.items()
@@ -58,10 +61,10 @@ def profile_errors(found: dict[str, list[float]], reference: dict[str, list[floa
 
 
 def totals(sim: Simulation) -> dict[str, float]:
-    """Return conserved quantities of a simulation, including accreted ones, and scales for their changes.
+    """Return totals of conserved quantities of a simulation, with what was accreted, and scales for their changes.
 
-    "moved", "spun" and "size" are the scales of momentum, angular momentum and energy. "closed" and "held" are 1 if
-    momentum and energy are conserved.
+    "spin" is the angular momentum. "moved", "spun" and "size" are sums of magnitudes, the scales of momentum, angular
+    momentum and energy. "closed" is 1 if momentum is conserved, else 0; "held" is the same for energy.
     """
     with sim.closed() as state:
         row: dict[str, Any] = dict(zip(columns_of(sim.scene), history_row(state, sim.effects, 0.0, ""), strict=True))
@@ -94,9 +97,10 @@ def totals(sim: Simulation) -> dict[str, float]:
 
 
 def drifts(before: dict[str, float], after: dict[str, float]) -> dict[str, float | None]:
-    """Return changes of mass, momentum, angular momentum and energy, over the sums of the magnitudes of their terms.
+    """Return relative changes of mass, momentum, angular momentum and energy between two results of `totals`.
 
-    None for the energy of gas with a prescribed temperature, and for the momentum of a tube with fixed ends.
+    Changes are divided by sums of magnitudes. None for quantities that are not conserved: the energy of gas with a
+    prescribed temperature, and the momentum in a tube with fixed ends.
     """
 
     def over(change: float, scale: str) -> float:

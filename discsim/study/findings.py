@@ -1,4 +1,4 @@
-"""Printed results of a cost study: runs, cost of given errors, and convergence orders."""
+"""Tables of a cost study for the terminal: runs, costs of given errors, and orders of convergence."""
 
 from __future__ import annotations
 
@@ -17,22 +17,26 @@ if TYPE_CHECKING:
     from discsim.study.cost import Study
 
 GOALS = (0.1, 0.01, 0.001)  # errors whose cheapest settings are printed
-FARTHEST = 1e8
-SAME = 1e-9  # relative difference below which two values of x are equal to rounding
+MAX_EXTRAPOLATION = 1e8  # largest extrapolated cost over that of the most accurate run
+EQUAL_VALUES = 1e-9  # relative difference below which two values of x are equal to rounding
 
 
 def fitted_power(x: Sequence[float], y: Sequence[float]) -> float | None:
-    """Return p of a least-squares fit y ~ x^p in logarithms; None with fewer than two different x, or numbers <= 0."""
-    if len(x) < 2 or min(*x, *y) <= 0.0 or max(x) <= (1.0 + SAME) * min(x):
+    """Return p of a least-squares fit y ~ x^p in logarithms.
+
+    None with fewer than two different x, or if a number is not positive.
+    """
+    if len(x) < 2 or min(*x, *y) <= 0.0 or max(x) <= (1.0 + EQUAL_VALUES) * min(x):
         return None
     return float(np.polyfit(np.log(x), np.log(y), 1)[0])
 
 
 def price(points: Sequence[Point], goal: float, of: Callable[[Point], float]) -> tuple[float, bool] | None:
-    """Return the cost of an error `goal` along a line, and whether it is extrapolated; None if it is out of reach.
+    """Return the cost at which the error is `goal`, and whether it is extrapolated.
 
-    The cost is piecewise linear in logarithms, and extrapolated from the two most accurate points. A cost of
-    FARTHEST times the most expensive run or more counts as out of reach.
+    `of` returns the cost of a point. Between points, ln cost is linear in ln error; beyond the most accurate point it
+    is extrapolated from the two most accurate ones. None if this is impossible, or gives MAX_EXTRAPOLATION times the
+    cost of the most accurate point or more.
     """
     known = sorted((point.error or np.inf, of(point)) for point in points)
     known = [(error, paid) for k, (error, paid) in enumerate(known) if all(paid < other for _, other in known[:k])]
@@ -44,11 +48,14 @@ def price(points: Sequence[Point], goal: float, of: Callable[[Point], float]) ->
     if goal >= known[0][0]:
         return float(np.exp(np.interp(np.log(goal), errors, paid))), False
     more = (np.log(goal) - errors[0]) * (paid[1] - paid[0]) / (errors[1] - errors[0])
-    return (float(np.exp(paid[0] + more)), True) if more < np.log(FARTHEST) else None
+    return (float(np.exp(paid[0] + more)), True) if more < np.log(MAX_EXTRAPOLATION) else None
 
 
 def show(study: Study, console: Console) -> None:
-    """Print the runs, the costs of the errors GOALS, and the orders of the lines."""
+    """Print a table of the runs, the cheapest settings for each error in GOALS, and a table of the lines.
+
+    A line is a list of runs that differ only in the keys `study.axis`.
+    """
     if study.exact:
         console.print(f"error: {study.exact}")
     elif study.reference is not None:
@@ -89,13 +96,13 @@ def show(study: Study, console: Console) -> None:
         orders.add_column(f"{goal:.3g}", justify="right")
         orders.add_column("updates", justify="right")
     for name, points in study.lines().items():
-        orders.add_row(name, *_order_row(study.axis, points))
+        orders.add_row(name, *_order_cells(study.axis, points))
     console.print(orders)
     console.print("~ extrapolated from the fit")
 
 
-def _order_row(axis: Varied, points: Sequence[Point]) -> Iterator[str]:
-    """Yield the cells of a line: order, cost factor of half the error, and the costs of GOALS."""
+def _order_cells(axis: Varied, points: Sequence[Point]) -> Iterator[str]:
+    """Yield the cells of a row: order, factor in cost for half the error, and the cost of each error in GOALS."""
     values = [number_in(point.settings[axis.keys[0]]) or np.nan for point in points]
     errors = [point.error or np.nan for point in points]
     order = fitted_power(values, errors)

@@ -1,4 +1,8 @@
-"""Results of a search for the cheapest settings: the frontier, the effect of each knob, and the figure."""
+"""Tables and figure of a search for the cheapest settings: the frontier, and the effect of each knob.
+
+The frontier has the trials for which no other trial is both cheaper and at least as accurate (Pareto front). A knob is
+a parameter that the search varies, and a trial is a combination of values of all knobs with its runs.
+"""
 
 from __future__ import annotations
 
@@ -27,58 +31,68 @@ from discsim.version import __version__
 if TYPE_CHECKING:
     from discsim.study.cheapest import Cheapest
 
-ROWS = 12  # rows of the frontier in the table, at most
+ROWS = 12  # largest number of rows of the frontier in the table
 
 
 def show(study: Cheapest, console: Console) -> None:
-    """Print the frontier, the effect of each knob, and the cheapest settings."""
-    bench, scene = study.bench, study.scene
+    """Print tables of the frontier and of the effect of each knob, and the cheapest settings."""
+    runner, scene = study.runner, study.scene
     console.print(f"\nerror ({study.measure.name}): {study.measure.words}")
     front = study.front()
     if front:
-        console.print(_frontier(study, front))
+        console.print(_frontier_table(study, front))
     chosen = study.best()
     if chosen is not None:
-        console.print(_knobs(study, chosen))
-        for line in _choices(study, chosen):
+        console.print(_knob_table(study, chosen))
+        for line in _choice_lines(study, chosen):
             console.print(line)
     if study.found is not None:
         if study.ended:
             console.print(f"not complete, {study.ended}; repeat the command to continue")
-        console.print(f"cheapest for {percent(study.goal)}: {study.words(study.found)}: {_figures(study, study.found)}")
+        console.print(
+            f"cheapest for {percent(study.goal)}: {study.words(study.found)}: {_error_and_cost(study, study.found)}"
+        )
     else:
-        console.print(f"an error of {percent(study.goal)} was not reached: {study.ended}; {_nearest(study, chosen)}")
+        console.print(
+            f"an error of {percent(study.goal)} was not reached: {study.ended}; {_closest_text(study, chosen)}"
+        )
     if scene is not None:
-        console.print(f"the scene: {_figures(study, scene)}{_own(study, scene)}")
-    times = f", {bench.cpu / scene.cpu:.3g} times the scene's" if scene else ""
+        console.print(f"the scene: {_error_and_cost(study, scene)}{_cost_of_own_error(study, scene)}")
+    times = f", {runner.cpu / scene.cpu:.3g} times the scene's" if scene else ""
     wall = clock(time.monotonic() - study.begun)
-    console.print(f"search: {bench.count} runs, {bench.cpu:.3g} s of CPU{times}; this call took {wall}")
+    console.print(f"search: {runner.count} runs, {runner.cpu:.3g} s of CPU{times}; this call took {wall}")
 
 
-def _figures(study: Cheapest, trial: Trial) -> str:
+def _error_and_cost(study: Cheapest, trial: Trial) -> str:
+    """Return error and CPU time of a trial as text."""
     seeds = f" +- {percent(trial.scatter)} ({len(trial.runs)} seeds)" if trial.scatter else ""
     text = f"error {percent(trial.error)}{seeds}, {trial.cpu:.3g} s of CPU"
     scene = study.scene
     return f"{text}, {trial.cpu / scene.cpu:.2g} times the scene's" if scene and trial is not scene else text
 
 
-def _nearest(study: Cheapest, chosen: Trial | None) -> str:
+def _closest_text(study: Cheapest, chosen: Trial | None) -> str:
+    """Return text on the most accurate trial, if none reaches the goal."""
     if chosen is None:
         return "no run completed"
-    return f"closest is {study.words(chosen)}: {_figures(study, chosen)}"
+    return f"closest is {study.words(chosen)}: {_error_and_cost(study, chosen)}"
 
 
-def _own(study: Cheapest, scene: Trial) -> str:
-    """Return the lowest cost of the scene's own error; errors within twice the scatter count as equal."""
+def _cost_of_own_error(study: Cheapest, scene: Trial) -> str:
+    """Return text on the cheapest trial that is as accurate as the unchanged scene.
+
+    An error that is larger by up to twice the scatter between seeds counts as equal.
+    """
     most = scene.error + 2.0 * scene.scatter
-    tried = (trial for trial in study.bench.trials.values() if trial.runs and trial.error <= most)
+    tried = (trial for trial in study.runner.trials.values() if trial.runs and trial.error <= most)
     least = min(tried, key=lambda trial: trial.cpu)
     if least is scene:
         return "; no tested setting is as accurate and cheaper"
     return f"; the same accuracy for {least.cpu / scene.cpu:.2g} of that: {study.words(least)}"
 
 
-def _frontier(study: Cheapest, front: list[Trial]) -> Table:
+def _frontier_table(study: Cheapest, front: list[Trial]) -> Table:
+    """Return the table of at most ROWS trials of the frontier, the result and the scene."""
     table = Table("", "error", "CPU s", "of scene's", "seeds", "settings that differ from the scene", box=SIMPLE)
     few = np.unique(np.linspace(0, len(front) - 1, min(len(front), ROWS)).astype(int))
     shown = {trial.place: trial for trial in (*(front[i] for i in few), study.found, study.scene) if trial}
@@ -95,10 +109,10 @@ def _frontier(study: Cheapest, front: list[Trial]) -> Table:
     return table
 
 
-def _knobs(study: Cheapest, chosen: Trial) -> Table:
-    """Return the table of numeric knobs: values, effect of one finer rung near the result, and power laws."""
+def _knob_table(study: Cheapest, chosen: Trial) -> Table:
+    """Return the table of numeric knobs: values, effect of one rung up near the trial `chosen`, and power laws."""
     table = Table("knob", "scene", "found", "one step finer", "error ~", "CPU time ~", box=SIMPLE)
-    trials = [trial for trial in study.bench.trials.values() if trial.runs]
+    trials = [trial for trial in study.runner.trials.values() if trial.runs]
     scene = tuple(0 for _ in study.knobs.all)
     for k, knob in enumerate(study.knobs.all):
         if knob.choice:
@@ -106,8 +120,8 @@ def _knobs(study: Cheapest, chosen: Trial) -> Table:
         values = value_words(study.knobs, scene, k), value_words(study.knobs, chosen.place, k)
         fitted = powers(trials, k, knob.ratio)
         laws = ("", "") if fitted is None else (f"x^{fitted[0]:.2g}", f"x^{fitted[1]:.2g}")
-        finer = [(a, b) for a in trials if (b := _with(study, a, k, a.place[k] + RUNG))]
-        table.add_row(f"{knob.name} x {knob.ratio:.2g}", *values, _nearest_pair(finer, chosen, k), *laws)
+        finer = [(a, b) for a in trials if (b := _trial_with_rung(study, a, k, a.place[k] + RUNG))]
+        table.add_row(f"{knob.name} x {knob.ratio:.2g}", *values, _ratios_of_nearest_pair(finer, chosen, k), *laws)
     table.caption = (
         "effect of each setting near the result: error and CPU time relative to runs without it; x: its value, all runs"
     )
@@ -115,34 +129,34 @@ def _knobs(study: Cheapest, chosen: Trial) -> Table:
     return table
 
 
-def _choices(study: Cheapest, chosen: Trial) -> Iterator[str]:
-    """Yield a line per choice with the effect of each other value, from the pair of runs nearest to the result."""
-    trials = [trial for trial in study.bench.trials.values() if trial.runs]
+def _choice_lines(study: Cheapest, chosen: Trial) -> Iterator[str]:
+    """Yield a line per choice with the effect of its other values, from the pair of trials nearest to `chosen`."""
+    trials = [trial for trial in study.runner.trials.values() if trial.runs]
     for k, knob in enumerate(study.knobs.all):
         own, out = chosen.place[k], []
         for rung in range(knob.lowest, knob.highest + 1) if knob.choice else ():
-            pairs = [(a, b) for a in trials if a.place[k] == own if (b := _with(study, a, k, rung))]
+            pairs = [(a, b) for a in trials if a.place[k] == own if (b := _trial_with_rung(study, a, k, rung))]
             if rung != own:
-                told = _nearest_pair(pairs, chosen, k) or _why(study, k, rung)
+                told = _ratios_of_nearest_pair(pairs, chosen, k) or _reason_for_none(study, k, rung)
                 out.append(f"{knob.word(study.knobs.base, rung)} ({told})")
         if out:
             yield f"{knob.name} {knob.word(study.knobs.base, own)}; instead {', '.join(out)}"
 
 
-def _with(study: Cheapest, trial: Trial, k: int, rung: int) -> Trial | None:
-    """Return the trial that differs from `trial` by the rung of knob k only; None without runs."""
-    found = study.bench.trials.get((*trial.place[:k], rung, *trial.place[k + 1 :]))
+def _trial_with_rung(study: Cheapest, trial: Trial, k: int, rung: int) -> Trial | None:
+    """Return the trial that has this rung of knob k and all other rungs of `trial`; None without runs."""
+    found = study.runner.trials.get((*trial.place[:k], rung, *trial.place[k + 1 :]))
     return found if found and found.runs else None
 
 
-def _why(study: Cheapest, k: int, rung: int) -> str:
-    """Return why no trial with this rung of knob k has a result."""
-    stopped = [t.stopped for t in study.bench.trials.values() if t.place[k] == rung and t.stopped]
+def _reason_for_none(study: Cheapest, k: int, rung: int) -> str:
+    """Return the reason, as text, why no trial with this rung of knob k has a result."""
+    stopped = [t.stopped for t in study.runner.trials.values() if t.place[k] == rung and t.stopped]
     return stopped[0].partition(":")[0] if stopped else "not tried"
 
 
-def _nearest_pair(pairs: list[tuple[Trial, Trial]], chosen: Trial, k: int) -> str:
-    """Return the ratios of error and CPU time in the pair of trials nearest to the result, as text."""
+def _ratios_of_nearest_pair(pairs: list[tuple[Trial, Trial]], chosen: Trial, k: int) -> str:
+    """Return, as text, the ratios of error and CPU time in the pair whose first trial is nearest to `chosen`."""
     if not pairs:
         return ""
     one, other = min(pairs, key=lambda pair: sum(abs(a - b) for a, b in zip(pair[0].place, chosen.place, strict=True)))
@@ -150,16 +164,17 @@ def _nearest_pair(pairs: list[tuple[Trial, Trial]], chosen: Trial, k: int) -> st
 
 
 def value_words(knobs: Knobs, place: Place, k: int) -> str:
-    """Return the value of knob k at a place, as text."""
+    """Return the value of knob k at a place (a tuple of rungs) as text."""
     settings, key = knobs.settings(place) or {}, knobs.all[k].keys[0]
     value: Any = settings[key].strip('"') if key in settings else knobs.base.value(key)
     return "default" if value is None else printable(value)
 
 
 def powers(trials: Sequence[Trial], k: int, ratio: float) -> tuple[float, float] | None:
-    """Return p and q of error ~ value^p and CPU time ~ value^q of knob k; None if no two trials differ by it alone.
+    """Return the exponents p and q of error ~ value^p and CPU time ~ value^q, with the value of knob k.
 
-    Trials that agree in all other knobs form a group; all groups share p and q.
+    `ratio` is the factor of one rung. Trials that differ only in knob k form a group; p and q are a common fit to all
+    groups. None if no group has two trials.
     """
     groups: dict[Place, list[Trial]] = {}
     for trial in trials:
@@ -179,11 +194,11 @@ def powers(trials: Sequence[Trial], k: int, ratio: float) -> tuple[float, float]
 
 
 def frontier_figure(study: Cheapest, path: Path) -> None:
-    """Draw error against CPU time of all trials, with frontier, scene and result, to the PNG file `path`."""
+    """Draw error against CPU time of all trials to the PNG file `path`; mark the frontier, the scene and the result."""
     figure = Figure(figsize=(8.0, 5.6), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
-    trials = [trial for trial in study.bench.trials.values() if trial.runs]
+    trials = [trial for trial in study.runner.trials.values() if trial.runs]
     front, scene, found = study.front(), study.scene, study.found
     axes.plot([t.cpu for t in trials], [t.error for t in trials], "o", color="0.75", ms=4, label="tested settings")
     line = [t.cpu for t in front], [t.error for t in front]

@@ -1,9 +1,15 @@
-"""Knobs of a scene: numerical parameters that a search may vary, derived from the scene's tables and types.
+"""Knobs of a scene: numerical parameters that the search for cheap settings varies.
 
-A rung up multiplies a number by a fixed ratio, towards higher accuracy; the rungs of a choice are its values.
-`particles` scales gas and dust together, and a fixed smoothing length with them, so that neighbour numbers stay.
-`dust particles` scales the dust alone. `neighbours` is eta, or the fixed smoothing length. A key that the scene does
-not use is no knob. Settings that violate the scene's rules are left out.
+A knob is a number or a choice. One rung up multiplies a number by a fixed ratio, towards higher accuracy; the rungs
+of a choice number its values. A place is a tuple with a rung for each knob, 0 for the value in the scene. The knobs
+follow from the tables of the scene and the types of their keys:
+
+    particles        particle numbers of gas and dust, with a fixed smoothing length that keeps neighbour numbers
+    dust particles   particle numbers of dust
+    neighbours       eta, or the fixed smoothing length
+    run.courant ...  keys in NUMBERS and CHOICES that the scene uses
+
+Values that violate the rules of the scene are left out.
 """
 
 from __future__ import annotations
@@ -28,32 +34,33 @@ from discsim.scene.rules import Draft, longest_courant
 from discsim.study.points import Settings, StudyError, Varied
 from discsim.study.trials import RUNG, Place
 
-# Numeric keys with the factor of one rung; particles and neighbours consist of several keys and are handled apart.
+# Numeric keys with the factor of one rung. `particles` and `neighbours` have their own factors, below.
 NUMBERS = {"run.courant": 0.5**0.5, "run.timestep": 0.5**0.5, "space.cells": 2.0, "drag.cell": 0.5}
 CHOICES = ("drag.scheme", "gas.kernel", "gas.precision")
 MORE_PARTICLES = 2.0
-# Factor and stride by dimensions: in 1D the density is right only for whole numbers of spacings
-# (`formulas/smoothing.py`).
+# Factor of one rung, and stride, by dimensions: in 1D the density is right only if h is a whole number of particle
+# spacings (`formulas/smoothing.py`).
 MORE_NEIGHBOURS = {1: (2.0, RUNG), 2: (1.25, 1)}
-FEWEST = {1: 24, 2: 150}  # smallest particle number of a species, by dimensions
-LEAST, MOST = {"space.cells": 8.0, "run.courant": 0.01}, {"space.cells": 8192.0}
-WIDE = 8 * RUNG  # largest number of rungs of a number in each direction
-COARSE = {1: 3 * RUNG, 2: 4 * RUNG}  # rungs of particles from the scene down to the start of a search, by dimensions
+MIN_PARTICLES = {1: 24, 2: 150}  # smallest particle number of a species, by dimensions
+MIN_VALUE, MAX_VALUE = {"space.cells": 8.0, "run.courant": 0.01}, {"space.cells": 8192.0}
+MAX_RUNGS = 8 * RUNG  # largest number of rungs of a number in each direction
+# Rungs of `particles` from the scene down to the start of a search, by dimensions.
+START_RUNGS = {1: 3 * RUNG, 2: 4 * RUNG}
 _QUANTITY = re.compile(r"\s*([\d_.eE+-]+)(.*)", re.S)
 
 
 class Base:
-    """A validated scene, with its tables as written; a search may have changed its choices."""
+    """A validated scene, with its tables as written in TOML, to whose values the factors of knobs refer."""
 
     def __init__(self, scene: Scene) -> None:
         self.scene, self.data = scene, tomllib.loads(scene.text)
 
     def written(self, key: str) -> Any:
-        """Return the value of a key as written; None if the scene does not write it."""
+        """Return the value of a key as written in the scene; None if the scene does not set it."""
         return value_at(self.data, *(int(part) if part.isdecimal() else part for part in key.split(".")))
 
     def value(self, key: str) -> Any:
-        """Return the value of a key, as written or by default."""
+        """Return the value of a key as written, or else its default."""
         found = self.written(key)
         if found is None:
             found = self.scene
@@ -64,7 +71,10 @@ class Base:
         return found
 
     def times(self, key: str, factor: float, whole: bool = False, digits: int = 4) -> str:
-        """Return the value of a key times a factor, as text with `digits` digits and the same unit."""
+        """Return the value of a key times a factor, as text with the same unit.
+
+        The number is rounded to an integer if `whole`, else to `digits` significant digits.
+        """
         value, unit = self.value(key), ""
         if isinstance(value, str):
             match = _QUANTITY.fullmatch(value)
@@ -75,7 +85,7 @@ class Base:
 
     @property
     def species(self) -> list[str]:
-        """The keys of the particle numbers."""
+        """The keys of all particle numbers, such as "dust.0.particles"."""
         dust = self.data.get("dust")
         tables = [f"dust.{i}" for i in range(len(dust))] if isinstance(dust, list) else ["dust"] if dust else []
         return [f"{table}.particles" for table in (["gas"] if self.scene.gas else []) + tables]
@@ -85,9 +95,9 @@ class Base:
 class Knob:
     """A parameter that a search varies.
 
-    `write(base, factor or word)` returns the keys to set for a rung other than 0. `ratio` is the factor of one rung
-    up. `words` are the values of a choice, "" for the scene's own. Rungs range from `lowest` to `highest` in steps
-    of `stride`.
+    `keys` are the keys of the scene that it sets. `write(base, factor)`, for a choice `write(base, word)`, returns
+    the settings for a rung other than 0. `ratio` is the factor of one rung. `words` are the values of a choice by
+    rung, "" for the value in the scene. Rungs range from `lowest` to `highest` in steps of `stride`.
     """
 
     name: str
@@ -95,8 +105,8 @@ class Knob:
     write: Callable[[Base, Any], Settings]
     ratio: float = 1.0
     words: tuple[str, ...] = ()
-    lowest: int = -WIDE
-    highest: int = WIDE
+    lowest: int = -MAX_RUNGS
+    highest: int = MAX_RUNGS
     stride: int = 1
 
     @property
@@ -104,7 +114,7 @@ class Knob:
         return bool(self.words)
 
     def word(self, base: Base, rung: int) -> str:
-        """Return the value of a choice as text."""
+        """Return the value of a choice at a rung as text."""
         return self.words[rung] or str(base.value(self.keys[0]))
 
     def settings(self, base: Base, rung: int) -> Settings:
@@ -115,22 +125,22 @@ class Knob:
 
 
 class Knobs:
-    """The knobs of a scene, and the settings of places.
+    """All knobs of a scene, and the settings of places.
 
-    `load(settings)` returns the scene with these settings. `varied` are keys with values from the user, `keep` keys
-    that stay fixed. `finest` is the largest number of half rungs of particles above the scene's own. Raises
+    `load(settings)` returns the scene with these settings. `varied` are the --vary options of the user, `keep` the
+    names or keys of knobs that stay fixed. `finest` is the highest rung of `particles`, in half rungs. Raises
     StudyError.
     """
 
     def __init__(
         self, load: Callable[[Settings], Scene], varied: Sequence[Varied] = (), keep: Sequence[str] = (),
-        finest: int = WIDE,
+        finest: int = MAX_RUNGS,
     ) -> None:  # fmt: skip
         self.load = load
         self.base = Base(load({}))
-        given = [self._given(each) for each in varied]
+        given = [self._knob_of_option(each) for each in varied]
         taken = {key for knob in given for key in knob.keys} | set(keep)
-        found = [*self._words(), *self._particles(finest), *self._numbers()]
+        found = [*self._choice_knobs(), *self._particle_knobs(finest), *self._number_knobs()]
         known = [key for knob in [*given, *found] for key in (knob.name, *knob.keys)]
         for key in keep:
             if key not in known:
@@ -144,21 +154,24 @@ class Knobs:
         self._settings: dict[Place, Settings | None] = {}
 
     def start(self) -> Place:
-        """Return the place at which a search starts, with few particles."""
-        coarse = -COARSE[self.base.scene.space.dimensions]
+        """Return the place at which a search starts: fewer particles, and the scene's values of all other knobs."""
+        coarse = -START_RUNGS[self.base.scene.space.dimensions]
         return tuple(max(coarse, knob.lowest) if knob.name == "particles" else 0 for knob in self.all)
 
     def settings(self, place: Place) -> Settings | None:
-        """Return the settings of a place; None if they are invalid."""
+        """Return the settings of a place; None if the scene is invalid with them."""
         if place not in self._settings:
             try:
-                self._settings[place] = self._made(place)
+                self._settings[place] = self._settings_of(place)
             except SceneError:
                 self._settings[place] = None
         return self._settings[place]
 
-    def _made(self, place: Place) -> Settings:
-        """Return the settings of a place: choices first, then numbers, whose defaults may depend on the choices."""
+    def _settings_of(self, place: Place) -> Settings:
+        """Return the settings of a place. Raises SceneError.
+
+        Choices are set first, because the default values of numbers may depend on them.
+        """
         base, out = self.base, Settings()
         for choices in (True, False):
             for knob, rung in zip(self.all, place, strict=True):
@@ -173,7 +186,7 @@ class Knobs:
 
     # Knobs of the scene
 
-    def _goes(self, settings: Settings) -> bool:
+    def _is_valid(self, settings: Settings) -> bool:
         """Return whether the scene is valid with the settings."""
         try:
             self.load(settings)
@@ -181,8 +194,11 @@ class Knobs:
             return False
         return True
 
-    def _given(self, varied: Varied) -> Knob:
-        """Return the knob of a --vary option, without values equal to the scene's. Raises StudyError, SceneError."""
+    def _knob_of_option(self, varied: Varied) -> Knob:
+        """Return the knob of a --vary option, without values that the scene has already.
+
+        Raises StudyError, SceneError.
+        """
 
         def write(base: Base, word: str) -> Settings:
             return varied.settings(word)
@@ -193,8 +209,8 @@ class Knobs:
             raise StudyError(f"--vary {varied.name}: only the value of the scene; expected other values")
         return Knob(varied.name, varied.keys, write, words=("", *words), lowest=0, highest=len(words))
 
-    def _words(self) -> Iterator[Knob]:
-        """Yield the choices of the scene with at least one other valid value."""
+    def _choice_knobs(self) -> Iterator[Knob]:
+        """Yield a knob for each key in CHOICES that has another valid value than that of the scene."""
         scene = self.base.scene
         for key in CHOICES:
             table, name = key.split(".")
@@ -203,13 +219,13 @@ class Knobs:
                 continue
             own = getattr(scene.table(table), name)
             others = [word for word in choices_in(field.annotation) if word != own]
-            write = _kernel if key == "gas.kernel" else _word(key)
-            words = tuple(word for word in others if self._goes(write(self.base, word)))
+            write = _write_kernel if key == "gas.kernel" else _write_word(key)
+            words = tuple(word for word in others if self._is_valid(write(self.base, word)))
             if words:
                 yield Knob(key, (key,), write, words=("", *words), lowest=0, highest=len(words))
 
-    def _particles(self, finest: int) -> Iterator[Knob]:
-        """Yield the knobs of particle numbers."""
+    def _particle_knobs(self, finest: int) -> Iterator[Knob]:
+        """Yield the knobs `particles` and `dust particles`."""
         base, dim = self.base, self.base.scene.space.dimensions
         scene, keys = base.scene, tuple(base.species)
         counts = {key: int(base.value(key) if base.written(key) is not None else 0) for key in keys}
@@ -217,8 +233,8 @@ class Knobs:
             return
 
         def lowest(some: Sequence[str]) -> int:
-            least = min(counts[key] for key in some) / FEWEST[dim]
-            return -min(WIDE, int(RUNG * math.log2(max(least, 1.0))))
+            least = min(counts[key] for key in some) / MIN_PARTICLES[dim]
+            return -min(MAX_RUNGS, int(RUNG * math.log2(max(least, 1.0))))
 
         def particles(at: Base, factor: float) -> Settings:
             out = {key: at.times(key, factor, whole=True) for key in keys}
@@ -230,8 +246,10 @@ class Knobs:
         yield Knob("particles", keys, particles, MORE_PARTICLES, lowest=lowest(keys), highest=finest)
         dust = tuple(key for key in keys if key.startswith("dust"))
         if dust and len(dust) < len(keys) and not scene.model.cells:
-            write = _times(*dust, whole=True)
-            yield Knob("dust particles", dust, write, MORE_PARTICLES, lowest=lowest(dust), highest=min(finest, WIDE))
+            write = _write_multiple(*dust, whole=True)
+            yield Knob(
+                "dust particles", dust, write, MORE_PARTICLES, lowest=lowest(dust), highest=min(finest, MAX_RUNGS)
+            )
 
     def _longest_courant(self) -> float:
         """Return the largest stable Courant factor of the scene."""
@@ -239,45 +257,47 @@ class Knobs:
         tables = {name: scene.table(name) for name in ("initial", "space", "gas") if scene.table(name) is not None}
         return longest_courant(Draft(self.base.data, tables))[0]
 
-    def _numbers(self) -> Iterator[Knob]:
-        """Yield the other numeric knobs: NUMBERS and neighbours."""
+    def _number_knobs(self) -> Iterator[Knob]:
+        """Yield the knobs of the keys in NUMBERS, and the knob `neighbours`."""
         scene = self.base.scene
         for key, ratio in NUMBERS.items():
             value = self.base.value(key)
             if key == "space.cells":
                 if scene.space.dimensions == 2 and any(e.role.grid for e in effect_classes(scene).values()):
-                    lowest, highest = _within(key, float(_cells(self.base, 1.0)[key]), ratio)
-                    yield Knob(key, (key,), _cells, ratio, (), lowest, highest, stride=RUNG)
+                    lowest, highest = _rung_limits(key, float(_write_cells(self.base, 1.0)[key]), ratio)
+                    yield Knob(key, (key,), _write_cells, ratio, (), lowest, highest, stride=RUNG)
             elif value is None or (key == "run.courant" and scene.run.timestep is not None):
                 continue
-            elif self._goes(_times(key)(self.base, ratio)):
+            elif self._is_valid(_write_multiple(key)(self.base, ratio)):
                 number = float(value) if not isinstance(value, str) else 1.0
                 most = self._longest_courant() if key == "run.courant" else math.inf
-                yield Knob(key, (key,), _times(key), ratio, (), *_within(key, number, ratio, most))
+                yield Knob(key, (key,), _write_multiple(key), ratio, (), *_rung_limits(key, number, ratio, most))
         if scene.gas and not scene.model.cells:
             key = "gas.eta" if scene.gas.smoothing_length is None else "gas.smoothing_length"
             more, stride = MORE_NEIGHBOURS[scene.space.dimensions]
-            yield Knob("neighbours", (key,), _times(key, digits=8), more, (), -3 * RUNG, 6 * RUNG, stride)
+            yield Knob("neighbours", (key,), _write_multiple(key, digits=8), more, (), -3 * RUNG, 6 * RUNG, stride)
 
 
-def _within(key: str, value: float, ratio: float, most: float = math.inf) -> tuple[int, int]:
-    """Return the lowest and highest rung for which a value stays within its bounds."""
-    bounds = [LEAST.get(key, 0.0), min(most, MOST.get(key, math.inf))]
+def _rung_limits(key: str, value: float, ratio: float, most: float = math.inf) -> tuple[int, int]:
+    """Return the lowest and highest rung at which a key stays within MIN_VALUE and MAX_VALUE, and at most `most`."""
+    bounds = [MIN_VALUE.get(key, 0.0), min(most, MAX_VALUE.get(key, math.inf))]
     ends = [RUNG * math.log(bound / value) / math.log(ratio) for bound in bounds if 0.0 < bound < math.inf]
-    low, high = (min(ends), max(ends)) if ends else (-WIDE, WIDE)
-    return min(0, max(-WIDE, math.ceil(low - 1e-9))), max(0, min(WIDE, math.floor(high + 1e-9)))
+    low, high = (min(ends), max(ends)) if ends else (-MAX_RUNGS, MAX_RUNGS)
+    return min(0, max(-MAX_RUNGS, math.ceil(low - 1e-9))), max(0, min(MAX_RUNGS, math.floor(high + 1e-9)))
 
 
-def _word(key: str) -> Callable[[Base, str], Settings]:
+def _write_word(key: str) -> Callable[[Base, str], Settings]:
+    """Return the function `write` of a knob that sets a key to a word."""
     return lambda base, word: {key: word}
 
 
-def _times(*keys: str, whole: bool = False, digits: int = 4) -> Callable[[Base, float], Settings]:
+def _write_multiple(*keys: str, whole: bool = False, digits: int = 4) -> Callable[[Base, float], Settings]:
+    """Return the function `write` of a knob that multiplies the values of keys by a factor."""
     return lambda base, factor: {key: base.times(key, factor, whole, digits) for key in keys}
 
 
-def _kernel(base: Base, word: str) -> Settings:
-    """Return the settings of another kernel; eta in the scene keeps its ratio to the kernel's default."""
+def _write_kernel(base: Base, word: str) -> Settings:
+    """Return the settings for another kernel; if the scene sets eta, its ratio to the kernel's default is kept."""
     eta = base.written("gas.eta")
     if eta is None:
         return {"gas.kernel": word}
@@ -286,8 +306,11 @@ def _kernel(base: Base, word: str) -> Settings:
     return {"gas.kernel": word, "gas.eta": f"{eta * usual[1] / usual[0]:.4g}"}
 
 
-def _cells(base: Base, factor: float) -> Settings:
-    """Return the setting of the grid's cells along its longest side; by default about one cell per particle."""
+def _write_cells(base: Base, factor: float) -> Settings:
+    """Return the setting of `space.cells`, the cells along the longest side: its default times a factor.
+
+    The default is about one cell per particle.
+    """
     scene = base.scene
     first = (scene.gas,) if scene.gas else scene.dust or ()
     cell, _ = grid_cells(scene, sum(particle_count(scene, species) for species in first))

@@ -1,11 +1,14 @@
-"""Measures of a run by name: the error against an exact solution, or a difference from a reference run.
+"""Error measures of a run by name: the error against an exact solution, or a difference from a reference run.
 
-    profile   0.5 sum |m - m_ref| / sum m_ref    mass m in rings of a disc or squares of a box: misplaced share
-    modes     max over m = 1..4 of |A_m - A_ref|,  A_m = sum over rings |sum m exp(i m phi)| / sum m, less the noise
-    clumps    |C - C_ref|,  C: share of the mass where the surface density is over CLUMPED times the ring's median
+    profile   0.5 sum |M - M_ref| / sum M_ref, the fraction of the mass in a wrong bin;
+              M: mass in a ring of a disc, or in a square of a box
+    modes     max over m = 1..4 of |A_m - A_m,ref|;
+              A_m = sum over rings |sum over particles M_i exp(i m phi_i)| / sum M_i, less the noise of particles
+    clumps    |C - C_ref|;
+              C: fraction of the mass in pixels with over CLUMP_CONTRAST times the median surface density of the ring
 
-Each of these is for one species: `dust-profile`, `gas-modes`. `exact` is the error against the exact solution, the
-larger one of the two species.
+These measures are for one species, as in `dust-profile` or `gas-modes`. The measure `exact` is the error against the
+exact solution, the larger of the errors of gas and dust.
 """
 
 from __future__ import annotations
@@ -20,8 +23,8 @@ from discsim.study.errors import RINGS, measure_of, profile_errors, profiles
 Array = np.ndarray
 Run = dict[str, Any]
 MODES = range(1, 5)
-CLUMPED = 10.0  # least surface density of a clump over the median of its ring
-FEW = 8  # least number of particles in a pixel of a clump
+CLUMP_CONTRAST = 10.0  # smallest surface density of a clump over the median of its ring
+MIN_CLUMP_PARTICLES = 8  # smallest number of particles in a pixel of a clump
 PIXELS = 96  # pixels per side of the map on which clumps are found
 WORDS = {
     "profile": "fraction of the {kind} mass displaced relative to the reference run",
@@ -31,10 +34,10 @@ WORDS = {
 
 
 class Measure(NamedTuple):
-    """A measure of the error.
+    """A measure of the error of a run.
 
-    `name` is its name on the command line, `words` its description. `kind` is the species and `what` is "profile",
-    "modes" or "clumps"; both are "" for the error against the exact solution.
+    `name` is its name on the command line, such as "dust-modes", `words` its description. `kind` is the species, and
+    `what` is "profile", "modes" or "clumps"; both are "" for the error against the exact solution.
     """
 
     name: str
@@ -47,7 +50,7 @@ class Measure(NamedTuple):
         return not self.what
 
     def error(self, run: Run, reference: Run | None) -> float:
-        """Return the error of a run (as recorded by `study.runs`); all measures but "exact" need a `reference` run."""
+        """Return the error of a run, a result of `study.runs`; only the measure "exact" needs no `reference` run."""
         if self.exact:
             return max(run["errors"].values())
         assert reference is not None
@@ -61,7 +64,7 @@ _KEYS = {"profile": "profiles", "modes": "modes", "clumps": "clumps"}  # keys of
 
 
 def measures_of(scene: Scene) -> dict[str, Measure]:
-    """Return the measures of a scene by name; the first is the default."""
+    """Return the measures that a scene has, by name; the first is the default."""
     found: list[Measure] = []
     exact = measure_of(scene)
     if exact is not None:
@@ -75,7 +78,7 @@ def measures_of(scene: Scene) -> dict[str, Measure]:
 
 
 def mean_of(runs: list[Run]) -> Run:
-    """Return the mean of profiles, modes and clumps over several runs."""
+    """Return profiles, modes and clumps, averaged over several runs, in the form of the result of a run."""
     keys = [key for key in _KEYS.values() if key in runs[0]]
     return {
         key: {kind: np.mean([run[key][kind] for run in runs], axis=0).tolist() for kind in runs[0][key]} for key in keys
@@ -83,7 +86,7 @@ def mean_of(runs: list[Run]) -> Run:
 
 
 def seen(sim: Any) -> Run:
-    """Return the profiles of a simulation, and modes and clumps of a disc, by species as lists of numbers."""
+    """Return profiles, and for a disc modes and clumps, of a simulation: lists of numbers by name and species."""
     out: Run = {"profiles": profiles(sim)}
     if sim.scene.centred and sim.scene.space.dimensions == 2:
         reach = 0.5 * min(sim.scene.space.size)
@@ -93,7 +96,7 @@ def seen(sim: Any) -> Run:
 
 
 def amplitudes(pos: Array, mass: Array, reach: float) -> list[float]:
-    """Return the amplitudes A_m for MODES, from pos (n, 2) and mass (n,)."""
+    """Return the amplitudes A_m for m in MODES, in rings within `reach`, from pos (n, 2) and mass (n,)."""
     radius, angle = np.hypot(*pos.T), np.arctan2(pos[:, 1], pos[:, 0])
     ring = np.minimum((radius / reach * RINGS).astype(int), RINGS)  # index RINGS: beyond `reach`, left out
     noise = np.bincount(ring, mass**2, RINGS + 1)[:RINGS]
@@ -105,13 +108,13 @@ def amplitudes(pos: Array, mass: Array, reach: float) -> list[float]:
 
 
 def clumped(pos: Array, mass: Array, reach: float) -> list[float]:
-    """Return the mass fraction in clumps as a list of one number, from pos (n, 2) and mass (n,)."""
+    """Return a list of one number, the mass fraction in clumps within `reach`, from pos (n, 2) and mass (n,)."""
     on_map, _ = np.histogramdd(pos, bins=PIXELS, range=[(-reach, reach)] * 2, weights=mass)
     x = (np.arange(PIXELS) + 0.5) * 2.0 / PIXELS - 1.0
     ring = (np.hypot(x[:, None], x) * RINGS).astype(int)
-    held, few = 0.0, FEW * float(mass.mean()) if len(mass) else 0.0
+    in_clumps, threshold = 0.0, MIN_CLUMP_PARTICLES * float(mass.mean()) if len(mass) else 0.0
     for k in range(RINGS):
         pixels = on_map[ring == k]
         usual = float(np.median(pixels)) or float(pixels.mean())  # the mean if most pixels of the ring are empty
-        held += float(pixels[pixels > max(CLUMPED * usual, few)].sum())
-    return [held / max(float(mass.sum()), 1e-300)]
+        in_clumps += float(pixels[pixels > max(CLUMP_CONTRAST * usual, threshold)].sum())
+    return [in_clumps / max(float(mass.sum()), 1e-300)]

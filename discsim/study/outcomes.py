@@ -1,13 +1,13 @@
-"""Results of a finished run: numbers by name, read from its directory.
+"""Results of a finished run for sweeps: numbers by name, read from its directory.
 
     accreted_dust, kinetic_gas, ...    a column of history.csv, in its last row
     dust-peak, dust-peak-radius        the highest surface density of the profile, and its radius
     dust-r10, dust-r50, dust-r90       the radii that contain 10%, 50% and 90% of the mass
-    dust-modes, dust-clumps            largest amplitude of m = 1..4, share of the mass in clumps (`measures.py`)
+    dust-modes, dust-clumps            largest amplitude of m = 1..4, mass fraction in clumps (`measures.py`)
     cpu                                CPU seconds of the effects, of all threads
 
-Names with a hyphen refer to the last snapshot of a disc, to gas or dust. Values are in UNITS. They are in code units
-for a scene in code units, and in one dimension, where masses are column densities.
+Results with a hyphen are from the last snapshot of a disc; they exist for gas and for dust. Values are in UNITS, but
+in code units for a scene in code units and in 1D, where masses are column densities.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from discsim.output.costtable import read_costs
-from discsim.output.history import WORDS, columns_of, read_history
+from discsim.output.history import TEXT_COLUMNS, columns_of, read_history
 from discsim.output.snapshot import SnapshotParticles, read_snapshot
 from discsim.scene import Scene, near
 from discsim.study.measures import amplitudes, clumped
@@ -27,7 +27,7 @@ from discsim.study.points import StudyError
 
 Array = np.ndarray
 QUANTILES = (0.1, 0.5, 0.9)
-RINGS, SMOOTHED = 80, 2.0  # rings of a profile; standard deviation of the smoothing, in rings
+RINGS, SMOOTHING_RINGS = 80, 2.0  # rings of a profile; standard deviation of the smoothing, in rings
 UNITS = {
     "length": "au", "mass": "Msun", "time": "yr", "surface_density": "g/cm2", "accretion_rate": "Msun/yr",
     "momentum": "Msun km/s", "angular_momentum": "Msun au km/s", "energy": "erg",
@@ -38,14 +38,14 @@ COLUMNS = {
     "momentum_": "momentum", "angular_momentum": "angular_momentum", "kinetic_": "energy", "thermal": "energy",
     "potential": "energy", "radiated": "energy",
 }  # fmt: skip
-OF_PARTICLES = {
+SNAPSHOT_RESULTS = {
     "peak": "surface_density", "peak-radius": "length", **{f"r{100 * q:.0f}": "length" for q in QUANTILES},
     "modes": "", "clumps": "",
 }  # fmt: skip
 
 
 class Outcome(NamedTuple):
-    """A result of runs of a scene: its name, its unit ("" for a plain number), and the factor from code units."""
+    """A kind of result: its name, its unit ("" for a plain number), and the factor from code units to this unit."""
 
     name: str
     unit: str
@@ -57,16 +57,16 @@ class Outcome(NamedTuple):
 
 
 def outcomes_of(scene: Scene) -> dict[str, Outcome]:
-    """Return all results that runs of a scene have, by name."""
+    """Return all kinds of results that a run of the scene has, by name."""
     dimensions: dict[str, str] = {}
     for column in columns_of(scene):
-        if column not in WORDS:
+        if column not in TEXT_COLUMNS:
             found = [dimension for start, dimension in COLUMNS.items() if column.startswith(start)]
             dimensions[column] = found[0] if found else ""
     if is_disc(scene):
         for kind in ("dust", "gas"):
             if getattr(scene, kind) is not None:
-                dimensions |= {f"{kind}-{what}": dimension for what, dimension in OF_PARTICLES.items()}
+                dimensions |= {f"{kind}-{what}": dimension for what, dimension in SNAPSHOT_RESULTS.items()}
     plain = scene.units.system == "code" or scene.space.dimensions == 1
     made = {name: _outcome(scene, name, "" if plain else dimension) for name, dimension in dimensions.items()}
     return made | {"cpu": Outcome("cpu", "s", 1.0)}
@@ -82,15 +82,15 @@ def is_disc(scene: Scene) -> bool:
 
 
 def chosen(scene: Scene, names: Sequence[str] = ()) -> list[Outcome]:
-    """Return the named results, or the default results of the scene. Raises StudyError."""
+    """Return the kinds of results with these names; by default those usual for the scene. Raises StudyError."""
     known = outcomes_of(scene)
     for name in names:
         if name not in known:
             raise StudyError(f"--measure {name}: unknown; expected one of {', '.join(known)}{near(name, tuple(known))}")
-    return [known[name] for name in names or _usual(scene)]
+    return [known[name] for name in names or _default_names(scene)]
 
 
-def _usual(scene: Scene) -> list[str]:
+def _default_names(scene: Scene) -> list[str]:
     """Return the names of the default results of a scene."""
     kinds = [kind for kind in ("gas", "dust") if getattr(scene, kind) is not None]
     if not is_disc(scene):
@@ -100,28 +100,28 @@ def _usual(scene: Scene) -> list[str]:
 
 
 class Found(NamedTuple):
-    """The time that a run has reached, in code units, and its results by name, in their units."""
+    """Time at the end of a run, in code units, and its results by name, each in the unit of its `Outcome`."""
 
     time: float
     values: dict[str, float]
 
 
 def found_in(directory: Path, scene: Scene, wanted: Sequence[Outcome]) -> Found:
-    """Return the results of a run of the scene from its directory. Raises OSError, UserError."""
+    """Read the results `wanted` of a run of the scene from its directory. Raises OSError, UserError."""
     rows = read_history(directory / "history.csv", scene)
     if not rows:
         raise StudyError(f"{directory / 'history.csv'}: the file has no rows; expected the history.csv of a run")
-    values = {name: float(value) for name, value in rows[-1].items() if name not in WORDS}
+    values = {name: float(value) for name, value in rows[-1].items() if name not in TEXT_COLUMNS}
     values["cpu"] = sum(row.seconds for row in read_costs(directory / "costs.csv"))
     if any("-" in each.name for each in wanted):
-        values |= _of_particles(directory / "snapshots")
+        values |= _snapshot_values(directory / "snapshots")
     return Found(values["time"], {each.name: each.factor * values[each.name] for each in wanted})
 
 
-def _of_particles(folder: Path) -> dict[str, float]:
+def _snapshot_values(folder: Path) -> dict[str, float]:
     """Return the results from the last snapshot of a disc, in code units.
 
-    Rings extend to the outer radius of the first snapshot.
+    Profiles extend to 1.1 times the outer radius of the species in the first snapshot.
     """
     paths = sorted(folder.glob("*.h5"))
     first, last = (read_snapshot(path).about_centre() for path in (paths[0], paths[-1]))
@@ -129,14 +129,17 @@ def _of_particles(folder: Path) -> dict[str, float]:
     for kind, p in last.species.items():
         start = first.species[kind]
         reach = 1.1 * float(np.quantile(start.radius, 0.999)) if start.count else 1.0
-        values |= {f"{kind}-{what}": value for what, value in _of_kind(p, reach, last.upper[0]).items()}
+        values |= {f"{kind}-{what}": value for what, value in _species_values(p, reach, last.upper[0]).items()}
     return values
 
 
-def _of_kind(p: SnapshotParticles, reach: float, half: float) -> dict[str, float]:
-    """Return the results of one species, in code units; rings extend to `reach`, modes and clumps to `half`."""
+def _species_values(p: SnapshotParticles, reach: float, half: float) -> dict[str, float]:
+    """Return the results of one species, in code units.
+
+    The profile extends to the radius `reach`; modes and clumps are measured within `half`.
+    """
     edges = np.linspace(0.0, reach, RINGS + 1)
-    profile = smoothed(p.radial_profile(edges), SMOOTHED)
+    profile = smoothed(p.radial_profile(edges), SMOOTHING_RINGS)
     top = int(profile.argmax())
     values = {"peak": float(profile[top]), "peak-radius": float(0.5 * (edges[top] + edges[top + 1]))}
     values |= {f"r{100 * q:.0f}": r for q, r in zip(QUANTILES, quantile_radii(p.radius, p.mass), strict=True)}
@@ -144,7 +147,7 @@ def _of_kind(p: SnapshotParticles, reach: float, half: float) -> dict[str, float
 
 
 def quantile_radii(radius: Array, mass: Array) -> list[float]:
-    """Return the radii that contain the fractions QUANTILES of the mass; NaN without particles."""
+    """Return the radii that contain the fractions QUANTILES of the mass, for radii and masses (n,); NaN if n is 0."""
     if len(mass) == 0:
         return [float("nan")] * len(QUANTILES)
     order = np.argsort(radius)
@@ -153,7 +156,10 @@ def quantile_radii(radius: Array, mass: Array) -> list[float]:
 
 
 def smoothed(sigma: Array, rings: float) -> Array:
-    """Smooth profiles (..., rings) over neighbouring rings: particles of a quiet start lie on rings."""
+    """Return profiles (..., number of rings) smoothed by a Gaussian with a standard deviation of `rings` rings.
+
+    Particles of a quiet start lie on rings, which would otherwise show.
+    """
     from scipy.ndimage import gaussian_filter1d
 
     return gaussian_filter1d(sigma, rings, mode="nearest", axis=-1)

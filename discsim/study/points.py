@@ -1,4 +1,4 @@
-"""Combinations of values of scene keys, with the results of their runs."""
+"""Data types of parameter studies: keys that vary, and combinations of their values with the results of runs."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from discsim.printable import UserError, printable
 
-Settings = dict[str, str]  # keys of the scene with values as text
+Settings = dict[str, str]  # keys of a scene to set, with their values as text
 
 
 class StudyError(UserError):
@@ -21,7 +21,10 @@ class StudyError(UserError):
 
 @dataclass(frozen=True)
 class Varied:
-    """Keys that vary together: one value for all keys, or one value per key as in "100:0.06"."""
+    """One or more keys that vary together.
+
+    Each entry of `values` is one value for all keys, or one value per key, as in "100:0.06".
+    """
 
     keys: tuple[str, ...]
     values: tuple[str, ...]
@@ -52,13 +55,13 @@ class Varied:
         return ",".join(self.keys)
 
     def settings(self, value: str) -> Settings:
-        """Return the settings of one of the values."""
+        """Return the settings for one entry of `values`."""
         parts = value.split(":") if ":" in value else [value] * len(self.keys)
         return {key: part.strip() for key, part in zip(self.keys, parts, strict=True)}
 
     @property
     def numbers(self) -> tuple[float, ...] | None:
-        """The first key's values as numbers without units; None if one of them is no number."""
+        """The values of the first key as numbers without units; None if one of them is no number."""
         found = [number_in(value.partition(":")[0]) for value in self.values]
         return tuple(number for number in found if number is not None) if None not in found else None
 
@@ -89,7 +92,7 @@ def number_in(text: str) -> float | None:
 
 @dataclass
 class Point:
-    """A combination of values, with its runs and errors."""
+    """A combination of values, with the results of its runs and the errors by species."""
 
     settings: Settings
     runs: list[dict[str, Any]] = field(default_factory=list)
@@ -97,7 +100,7 @@ class Point:
 
     @property
     def done(self) -> bool:
-        """True if the combination has a finished run."""
+        """True if the first run of the combination is finished."""
         return bool(self.runs) and "stopped" not in self.runs[0]
 
     @property
@@ -107,7 +110,7 @@ class Point:
 
     @property
     def error(self) -> float | None:
-        """The larger error of the species; None for the reference and for unfinished runs."""
+        """The larger of the errors of gas and dust; None for the reference run and for unfinished runs."""
         return max(self.errors.values()) if self.errors else None
 
 
@@ -124,13 +127,19 @@ def combinations(varied: Sequence[Varied]) -> list[Point]:
 
 
 def axis_of(varied: Sequence[Varied]) -> Varied | None:
-    """Return the varied keys along a line: those with the most values among the numeric ones; None without any."""
+    """Return the varied keys that are the axis of tables and figures: numeric ones, with the most values.
+
+    None if no key has several numeric values.
+    """
     numeric = [each for each in varied if each.numbers and len(each.values) > 1]
     return max(numeric, key=lambda each: len(each.values), default=None)
 
 
 def lines_of(points: Iterable[Point], axis: Varied | None) -> dict[str, list[Point]]:
-    """Return the points grouped by their settings off the axis, in the order of the points."""
+    """Return lists of points that differ only in the keys of `axis`, by a label with all other settings.
+
+    The order of the points is kept.
+    """
     along = set(axis.keys) if axis else set()
     out: dict[str, list[Point]] = {}
     for point in points:
@@ -140,7 +149,7 @@ def lines_of(points: Iterable[Point], axis: Varied | None) -> dict[str, list[Poi
 
 
 def label_of(settings: Settings) -> str:
-    """Return settings as printable text."""
+    """Return settings as printable text, like "courant = 0.2, eta = 1.2"."""
     pairs = zip(leaves(settings), settings.values(), strict=True)
     return printable(", ".join(f"{name} = {value}" for name, value in pairs))
 

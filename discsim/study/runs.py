@@ -1,6 +1,6 @@
-"""Runs of a scene with changed settings, recorded one by one so that a study can resume.
+"""Making of the runs of a study, which are recorded in runs.jsonl one by one, so that the study can resume.
 
-CPU seconds are those of the steps, of all threads, without initial conditions and compilation.
+CPU seconds are the sum over all threads during the steps, without initial conditions and compilation.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from discsim.study.workers import end_with_parent, in_words, results
 from discsim.userfiles import read_text
 
 RUNS = "runs.jsonl"
-WARM = 2.0  # largest number of seconds for unmeasured steps before a run; two steps are always made
+MAX_WARM_UP = 2.0  # largest duration in seconds of the steps before a run that compile kernels; at least two are made
 Say = Callable[[str], None]
 
 
@@ -36,7 +36,7 @@ class Limits(NamedTuple):
 
 
 class DeadlineError(Exception):
-    """The deadline passed during a run, which is not recorded. `cpu` has the CPU seconds used."""
+    """The deadline passed during a run. The run is not recorded; `cpu` is its CPU seconds so far."""
 
     def __init__(self, cpu: float = 0.0) -> None:
         super().__init__(cpu)
@@ -44,14 +44,17 @@ class DeadlineError(Exception):
 
 
 class Runs:
-    """A scene with its command-line changes, and the directory with its recorded runs."""
+    """A scene to run with different settings, and the directory with the record of the runs.
+
+    `settings` and `without` are changes of the scene for all runs, from the command line.
+    """
 
     def __init__(self, path: Path, directory: Path, settings: Sequence[str] = (), without: Sequence[str] = ()) -> None:
         self.path, self.directory = path, directory
         self.settings, self.without = tuple(settings), tuple(without)
 
     def scene(self, settings: Settings) -> Scene:
-        """Return the scene with these settings. Raises SceneError, whose problems name the settings."""
+        """Return the scene with these settings. Raises SceneError with a message that contains the settings."""
         try:
             return load_scene(self.path, self.overrides(settings), self.without)
         except SceneError as fault:
@@ -59,13 +62,13 @@ class Runs:
             raise SceneError([problem + where for problem in fault.problems]) from None
 
     def overrides(self, settings: Settings) -> list[str]:
-        """Return the command-line overrides with those of the settings appended."""
+        """Return the changes of the scene for a run with these settings, in the form "key=value"."""
         return [*self.settings, *(f"{key}={value}" for key, value in settings.items())]
 
     def open(self, what: dict[str, Any]) -> list[tuple[Settings, dict[str, Any]]]:
-        """Create the directory, or return the settings and results of the runs recorded in it.
+        """Return the settings and results of the runs in the record, after creating it if necessary.
 
-        Raises StudyError if it holds runs of another study.
+        `what` identifies the study. Raises StudyError if the record belongs to another study or scene.
         """
         base = load_scene(self.path, self.settings, self.without)
         head = {"scene": tomllib.loads(base.text), **what}
@@ -76,11 +79,11 @@ class Runs:
             self.directory.mkdir(parents=True, exist_ok=True)
             whole = json.dumps(head) + "\n"
         lines = whole.removesuffix("\n").split("\n")
-        if _entry(path, 1, lines[0]) != head:
+        if _parsed_line(path, 1, lines[0]) != head:
             raise StudyError(
                 f"{self.directory}: contains a study of another scene, or of other keys; expected another -o"
             )
-        found = [_entry(path, number, line, "settings") for number, line in enumerate(lines[1:], 2)]
+        found = [_parsed_line(path, number, line, "settings") for number, line in enumerate(lines[1:], 2)]
         if whole != text:
             with replace_atomically(path) as temporary:
                 temporary.write_text(whole, encoding="utf-8")
@@ -94,9 +97,9 @@ class Runs:
     def made(
         self, todo: Sequence[Settings], say: Say, parallel: int = 1, limits: Limits | None = None
     ) -> Iterator[dict[str, Any]]:
-        """Make these runs, `parallel` at a time, and yield their results. Raises DeadlineError at the deadline.
+        """Make a run for each of the settings, `parallel` at a time, and yield their results in order.
 
-        With `parallel` = 1 a run starts when its result is requested, so that the caller can skip it.
+        With `parallel` = 1 a run starts when its result is requested. Raises DeadlineError at the deadline.
         """
         jobs = [(self.path, self.overrides(settings), self.without, limits or Limits()) for settings in todo]
         if parallel == 1:
@@ -110,8 +113,8 @@ class Runs:
                 raise
 
 
-def _entry(path: Path, number: int, line: str, table: str | None = None) -> dict[str, Any]:
-    """Return a line of the record, which must have a dict `table`. Raises StudyError if it is damaged."""
+def _parsed_line(path: Path, number: int, line: str, table: str | None = None) -> dict[str, Any]:
+    """Return line `number` of the record as a dict. Raises StudyError if it is none, or if `line[table]` is none."""
     try:
         entry = json.loads(line)
     except (ValueError, RecursionError):
@@ -124,16 +127,16 @@ def _entry(path: Path, number: int, line: str, table: str | None = None) -> dict
 def one_run(
     path: Path, overrides: Sequence[str], without: Sequence[str], limits: Limits | None = None, say: Say | None = None
 ) -> dict[str, Any]:
-    """Run a scene and measure it: CPU seconds, steps, particle updates, errors, profiles, drifts.
+    """Run a scene, and return its CPU seconds, steps, particle updates, errors, profiles and drifts by name.
 
-    After any exception of the start, steps or measures the result has the key "stopped" with the reason. Raises
+    If the run fails or reaches the limit of CPU time, the result has the key "stopped" with the reason. Raises
     DeadlineError at the deadline.
     """
     from discsim.run.simulation import PhysicsError
 
     begun = [time.process_time()]  # CPU time at the start of the run, then of its steps
     try:
-        return _measured(path, overrides, without, limits or Limits(), say, begun)
+        return _run_and_measure(path, overrides, without, limits or Limits(), say, begun)
     except DeadlineError:
         raise
     except PhysicsError as fault:
@@ -145,16 +148,16 @@ def one_run(
     return {"stopped": stopped, "cpu": time.process_time() - begun[-1]}
 
 
-def _measured(
+def _run_and_measure(
     path: Path, overrides: Sequence[str], without: Sequence[str], limits: Limits, say: Say | None, begun: list[float]
 ) -> dict[str, Any]:
-    """Make the run of `one_run`; appends the CPU time at the start of its steps to `begun`."""
+    """Make the run of `one_run`, and append the process's CPU time at the start of its steps to `begun`."""
     from discsim.run.simulation import Simulation
     from discsim.study.errors import drifts, measure_of, totals
     from discsim.study.measures import seen
 
     scene = load_scene(path, overrides, without)
-    _compile(Simulation(scene))
+    _compile_kernels(Simulation(scene))
     sim = Simulation(scene)
     before = totals(sim)
     updates, due = [0], [time.monotonic() + LINE_EVERY]
@@ -188,13 +191,13 @@ def _measured(
     }
 
 
-def _compile(first: Any) -> None:
-    """Make steps of a run that is discarded, to compile kernels.
+def _compile_kernels(first: Any) -> None:
+    """Compile kernels by steps of the run `first`, which is then discarded.
 
-    Two steps at least; more, up to the second sorting of particles, within WARM seconds.
+    At least two steps are made, and for at most MAX_WARM_UP seconds all steps up to the second sorting of particles.
     """
     begun = time.monotonic()
     for step in range(SORT_EVERY + 1):
-        if step >= 2 and (time.monotonic() - begun > WARM or first.time >= first.scene.run.until):
+        if step >= 2 and (time.monotonic() - begun > MAX_WARM_UP or first.time >= first.scene.run.until):
             return
         first.step()

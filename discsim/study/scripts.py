@@ -1,4 +1,4 @@
-"""Helpers for scripts of studies: options with lists, compilation before timing, and CSV tables."""
+"""Helpers for analysis scripts: command-line options with lists, compilation before timing, and CSV tables."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from discsim import Simulation
 
 
 def some_of(known: Collection[str], what: str, separator: str = ",") -> Callable[[str], list[str]]:
-    """Return an argparse type for a list of known names."""
+    """Return an argparse type that parses a list of names from `known`; `what` describes a name in messages."""
 
     def names(text: str) -> list[str]:
         given = text.split(separator)
@@ -25,7 +25,7 @@ def some_of(known: Collection[str], what: str, separator: str = ",") -> Callable
 
 
 def whole_numbers(least: int) -> Callable[[str], list[int]]:
-    """Return an argparse type for a list of whole numbers, like 64,128 or 1e5,1e6."""
+    """Return an argparse type that parses a list of whole numbers from `least`, like 64,128 or 1e5,1e6."""
 
     def numbers(text: str) -> list[int]:
         try:
@@ -40,13 +40,13 @@ def whole_numbers(least: int) -> Callable[[str], list[int]]:
 
 
 def warm_up(sim: Simulation) -> None:
-    """Compile the kernels of a run by two steps of a similar one."""
+    """Make two steps of `sim`, to compile the kernels that a similar run will use."""
     for _ in range(2):
         sim.step()
 
 
 def write_csv(rows: Iterable[Mapping[str, Any]], columns: Sequence[str], file: Path) -> None:
-    """Write these columns of the rows; other entries are ignored."""
+    """Write rows to a CSV file; entries of a row outside `columns` are ignored."""
     with file.open("w", newline="") as stream:
         writer = csv.DictWriter(stream, columns, extrasaction="ignore")
         writer.writeheader()

@@ -1,6 +1,6 @@
-"""A sweep: a scene is run with all combinations of some values, each in a directory of its own.
+"""A sweep: runs of a scene with all combinations of given values, each in its own directory.
 
-When a sweep is repeated, stopped runs resume from their checkpoints. Results are read from the directories.
+When the command is repeated, unfinished runs resume from their checkpoints. Results are read from the directories.
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ from discsim.study.workers import end_with_parent, in_words, results
 from discsim.version import __version__
 
 DONE, REFUSED, PHYSICS, FAILED, INTERRUPTED = 0, 2, 3, 70, 128  # exit statuses of a run; interrupted: 128 + the signal
-GIVEN_UP = {
+FAILURE_TEXT = {
     REFUSED: "could not start", PHYSICS: "stopped by a numerical failure", FAILED: "ended by an error of discsim",
 }  # fmt: skip
-REACHED = 1e-9  # relative tolerance of the end time
+TIME_TOLERANCE = 1e-9  # relative tolerance of the end time
 
 
 class RunError(Exception):
-    """A run could not be made, and has printed the reason. `status` is its exit status."""
+    """A run failed and has printed the reason. `status` is its exit status."""
 
     def __init__(self, status: int) -> None:
         super().__init__(status)
@@ -47,7 +47,7 @@ class RunError(Exception):
 
 
 class Sweep:
-    """The runs of a sweep and their directory. Raises StudyError, SceneError."""
+    """A sweep: combinations of values, their runs and directories. Raises StudyError, SceneError."""
 
     def __init__(
         self, scene: Path, varied: Sequence[Varied], directory: Path, measures: Sequence[str] = (),
@@ -73,25 +73,25 @@ class Sweep:
         return [key for each in self.varied for key in each.keys]
 
     def make(self, title: str, parallel: int, console: Console) -> None:
-        """Make the unfinished runs, and write the table and the figure of all runs.
+        """Make the runs that are not finished, and write the table and the figure of all runs.
 
-        A run that fails, or that its start refuses, is reported and left out. Raises SceneError if the directory has
-        runs of other scenes, DirectoryError if one cannot be read, and RunError if no run could be made. Raises
-        KeyboardInterrupt after the running runs have written their checkpoints.
+        A run that cannot start, or that fails, is reported and has no values in the table. Raises SceneError if a
+        directory has a run of another scene, DirectoryError if its scene cannot be read, and RunError if all runs
+        fail. Raises KeyboardInterrupt after an interrupt, when active runs have written their checkpoints.
         """
-        self._refuse_others()
+        self._refuse_other_scenes()
         say: Say = console.print
         say(f"discsim {__version__}\n{title}: {len(self.points)} combinations, into {printable(self.directory)}")
         given_up = []
         for number, status in enumerate(self._statuses(parallel, say)):
             if status > INTERRUPTED:
                 raise KeyboardInterrupt
-            if status != DONE and status not in GIVEN_UP:
+            if status != DONE and status not in FAILURE_TEXT:
                 raise RunError(status)
             given_up += [status] if status in (REFUSED, FAILED) else []
             point = self.points[number]
             point.runs = [self._result(number, status)]
-            say(f"{number + 1}/{len(self.points)}  {label_of(point.settings)}: {self._words(point)}")
+            say(f"{number + 1}/{len(self.points)}  {label_of(point.settings)}: {self._result_text(point)}")
             self.write()
         if len(given_up) == len(self.points):
             raise RunError(given_up[0])
@@ -103,10 +103,10 @@ class Sweep:
         say(f"table {printable(self.directory / 'sweep.csv')}")
         say(f"figure {printable(self.directory / 'sweep.png')}")
 
-    def _refuse_others(self) -> None:
-        """Raise SceneError if a directory holds a run of another scene.
+    def _refuse_other_scenes(self) -> None:
+        """Raise SceneError if a directory has a run of another scene, DirectoryError if its scene cannot be read.
 
-        Raises DirectoryError if its scene cannot be read. Nothing is written before this check.
+        Nothing is written before this check.
         """
         for folder, scene in zip(self.folders, self.scenes, strict=True):
             path = folder / "scene.toml"
@@ -114,7 +114,10 @@ class Sweep:
                 refuse_another(path, read_scene_file(folder), scene)
 
     def _statuses(self, parallel: int, say: Say) -> Iterator[int]:
-        """Yield the exit statuses of the runs in order; runs are made on request, or `parallel` at a time."""
+        """Make the runs, `parallel` at a time, and yield their exit statuses in order.
+
+        With `parallel` = 1 a run starts when its status is requested.
+        """
         threads = f"run.threads={max(1, len(os.sched_getaffinity(0)) // parallel)}"
         jobs = []
         for point, folder, scene in zip(self.points, self.folders, self.scenes, strict=True):
@@ -125,7 +128,7 @@ class Sweep:
                 say(f"{number}/{len(jobs)}  {printable(job[-1])}: its progress is in run.log")
                 yield one_run(*job)
             return
-        with ProcessPoolExecutor(parallel, initializer=_leave_interrupts) as pool:
+        with ProcessPoolExecutor(parallel, initializer=_set_up_worker) as pool:
             before = signal.signal(signal.SIGTERM, signal.default_int_handler)
             try:
                 yield from results((pool.submit(one_run, *job) for job in jobs), say)
@@ -138,16 +141,17 @@ class Sweep:
                 signal.signal(signal.SIGTERM, before)
 
     def _result(self, number: int, status: int) -> dict[str, Any]:
-        """Return the results of a finished run, or the reason why it stopped."""
-        if status in GIVEN_UP:
-            return {"stopped": GIVEN_UP[status]}
+        """Return the results of run `number` by name; of an unfinished run, {"stopped": reason}."""
+        if status in FAILURE_TEXT:
+            return {"stopped": FAILURE_TEXT[status]}
         scene = self.scenes[number]
         found = found_in(self.folders[number], scene, self.wanted[number])
-        if found.time < (1.0 - REACHED) * scene.run.until:
+        if found.time < (1.0 - TIME_TOLERANCE) * scene.run.until:
             return {"stopped": f"stopped at t = {scene.units.show_time(found.time)}"}
         return found.values
 
-    def _words(self, point: Point) -> str:
+    def _result_text(self, point: Point) -> str:
+        """Return the results of a combination as text, or the reason why it has none."""
         if not point.done:
             return str(point.runs[0]["stopped"])
         return ", ".join(f"{each.name} {point.runs[0][each.name]:.4g} {each.unit}".rstrip() for each in self.measures)
@@ -160,10 +164,11 @@ class Sweep:
         return axis_of(self.varied)
 
     def table(self) -> Table:
+        """Return the table of settings and results for the terminal."""
         out = Table(*leaves(self.keys), *(each.head for each in self.measures), box=SIMPLE)
         for point in self.points:
             numbers = [f"{point.runs[0][each.name]:.4g}" for each in self.measures] if point.done else []
-            out.add_row(*map(printable, point.settings.values()), *(numbers or [self._words(point)]))
+            out.add_row(*map(printable, point.settings.values()), *(numbers or [self._result_text(point)]))
         return out
 
     def write(self) -> None:
@@ -178,14 +183,14 @@ class Sweep:
 
 
 def folder_name(point: Point) -> str:
-    """Return the settings of a combination as a file name without special characters."""
+    """Return the name of a combination's directory: its settings, without special characters."""
     return re.sub(r"[^\w.,=+-]+", "", label_of(point.settings))
 
 
 def one_run(path: Path, overrides: Sequence[str], without: Sequence[str], directory: Path) -> int:
-    """Make a run, or resume the one in the directory; return its exit status.
+    """Make or resume the run in a directory; return its exit status.
 
-    An error is printed as one line on standard error.
+    An exception is printed as one line on standard error.
     """
     from discsim.run.runner import run_scene
 
@@ -197,10 +202,10 @@ def one_run(path: Path, overrides: Sequence[str], without: Sequence[str], direct
         return FAILED
 
 
-def _leave_interrupts() -> None:
-    """Set up a worker process: Ctrl-C in the terminal reaches the parent only.
+def _set_up_worker() -> None:
+    """Set up a worker process so that Ctrl-C in the terminal interrupts only the parent.
 
-    The parent sends one interrupt to every worker.
+    The parent then sends one interrupt to every worker.
     """
     end_with_parent()
     os.setsid()

@@ -1,4 +1,8 @@
-"""Data of a search: places, trials with the results of runs, and the protocols of knobs and of the runner."""
+"""Data types of the search for cheap settings: places, trials, and protocols of knobs and of the runner.
+
+A knob is a parameter that the search varies, a rung one of its values, and a place a rung for each knob. A trial is a
+place with the results of its runs.
+"""
 
 from __future__ import annotations
 
@@ -8,14 +12,14 @@ from dataclasses import dataclass, field
 from statistics import fmean, median, stdev
 from typing import NamedTuple, Protocol
 
-Place = tuple[int, ...]  # a rung for each knob, 0 for the scene's value
-RUNG = 2  # half rungs per rung; places count half rungs
+Place = tuple[int, ...]  # a rung for each knob; 0 is the value in the scene
+RUNG = 2  # numbers are varied in half rungs, so a rung is 2 units of a place
 
 
 class Knob(Protocol):
-    """Protocol of a knob for the search.
+    """Protocol of a parameter that the search varies: a number, or a choice from a list of values.
 
-    Rungs go from `lowest` to `highest` in steps of `stride`; a choice uses every one of them.
+    Rungs go from `lowest` to `highest`, for numbers in steps of `stride`, for a choice in steps of 1.
     """
 
     @property
@@ -29,13 +33,15 @@ class Knob(Protocol):
 
 
 class Measured(NamedTuple):
+    """Result of a run: CPU seconds of its steps, and its error."""
+
     cpu: float
     error: float
 
 
 @dataclass
 class Trial:
-    """A place with the results of its runs, one per seed; `stopped` has the reason if it has none."""
+    """A place with the results of its runs, one per seed; `stopped` is the reason if a run gave no result."""
 
     place: Place
     runs: list[Measured] = field(default_factory=list)
@@ -61,10 +67,12 @@ class BudgetError(Exception):
     """The budget of wall-clock time is used up."""
 
 
-class Bench(Protocol):
-    """Protocol of the runner of a search.
+class Runner(Protocol):
+    """Protocol of the code that makes the runs of a search and collects them in `trials`.
 
-    `run` gives each place `number` results, or the reason for none. Raises BudgetError.
+    `allowed` returns whether the settings of a place are valid. `run` makes runs until the trial of each place has
+    results for `number` seeds, or a reason why a run gave no result, such as more than `most` CPU seconds. It raises
+    BudgetError.
     """
 
     trials: dict[Place, Trial]

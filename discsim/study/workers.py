@@ -19,7 +19,7 @@ Result = TypeVar("Result")
 
 
 def end_with_parent() -> None:
-    """End this process when its parent is gone; otherwise it would wait for work indefinitely."""
+    """Start a thread that ends this worker process when its parent has ended; it would otherwise wait for ever."""
     parent = multiprocessing.parent_process()
     assert parent is not None
 
@@ -31,9 +31,9 @@ def end_with_parent() -> None:
 
 
 def results(submitted: Iterable[Future[Result]], say: Callable[[str], None] | None = None) -> Iterator[Result]:
-    """Yield the results of jobs in order. Raises StudyError if a worker process died.
+    """Yield the results of the submitted jobs in order. Raises StudyError if a worker process was killed.
 
-    `say` is called every LINE_EVERY seconds during the wait, with a line about finished jobs.
+    During the wait, `say` is called every LINE_EVERY seconds with a line about the number of finished jobs.
     """
     jobs = list(submitted)
     try:
@@ -47,7 +47,7 @@ def results(submitted: Iterable[Future[Result]], say: Callable[[str], None] | No
 
 
 def in_words(fault: Exception) -> str:
-    """Return an unexpected exception of a run as one line with its source location."""
+    """Return an unexpected exception of a run as one line, with the file and line that raised it."""
     last = traceback.extract_tb(fault.__traceback__)[-1]
     text = " ".join(str(fault).split())
     return f"ended by {type(fault).__name__}{f': {text}' if text else ''} ({Path(last.filename).name}:{last.lineno})"

@@ -9,7 +9,7 @@ from scipy.ndimage import gaussian_filter
 
 from discsim.exact import dustywave, riemann
 from discsim.numerics.state import Dust, Gas
-from discsim.output.bins import REACH, gaussians, range_of_mass
+from discsim.output.bins import CUTOFF, gaussians, range_of_mass
 from discsim.output.figure import last_state_figure
 from discsim.output.snapshot import SnapshotError, read_snapshot, write_snapshot
 from discsim.scene import load_scene
@@ -153,7 +153,7 @@ def test_gaussians_one_by_one_are_those_of_the_filter(sigma):
     cell[1] = cell[0]  # two in one pixel
     deposit = np.zeros(shape)
     np.add.at(deposit, tuple(cell.T), mass)
-    expected = gaussian_filter(deposit, sigma, mode="constant", truncate=REACH)
+    expected = gaussian_filter(deposit, sigma, mode="constant", truncate=CUTOFF)
     np.testing.assert_allclose(gaussians(cell, mass, sigma, shape), expected, rtol=0, atol=1e-15)
 
 

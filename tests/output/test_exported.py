@@ -9,7 +9,7 @@ import pytest
 from discsim import load_scene, read_snapshot
 from discsim.numerics.state import Dust, Gas
 from discsim.output.snapshot import write_snapshot
-from discsim.output.tools import NEIGHBOUR, _spread
+from discsim.output.tools import NEIGHBOUR_AT_R, _radius_and_density
 
 DISC = {
     "run": {"until": "100 yr"},
@@ -130,10 +130,10 @@ def test_what_was_not_read_is_left_out(tmp_path, given):
 def test_neighbours_give_dust_a_density(tmp_path, rng):
     """Uniform at random in a periodic box, and so at its edges too."""
     snap = written(tmp_path, BOX, None, dust_of(rng, 20_000, 0.0, 2.0))
-    found = _spread(snap, snap.dust)
+    found = _radius_and_density(snap, snap.dust)
     # The density from 32 neighbours is off by 1/sqrt(32) = 18%; the mean over 20,000, of which 625 are apart, by 0.7%.
     assert found["density"].mean() == pytest.approx(5000.0, rel=0.02)
-    assert np.pi * np.mean(found["h"] ** 2) * 5000.0 == pytest.approx(NEIGHBOUR, rel=0.02)
+    assert np.pi * np.mean(found["h"] ** 2) * 5000.0 == pytest.approx(NEIGHBOUR_AT_R, rel=0.02)
     # Of the 800 nearest to an edge some 50 are apart; with nothing beyond the edge these would find a third less.
     edge = np.any((snap.dust.pos < 0.01) | (snap.dust.pos > 1.99), axis=1)
     assert found["density"][edge].mean() == pytest.approx(5000.0, rel=0.08)
@@ -142,7 +142,7 @@ def test_neighbours_give_dust_a_density(tmp_path, rng):
 @pytest.mark.parametrize("n", [0, 1, 5])
 def test_hardly_any_dust_has_finite_densities(tmp_path, rng, n):
     snap = written(tmp_path, DISC, gas_of(rng, 400), dust_of(rng, n))
-    found = _spread(snap, snap.dust)
+    found = _radius_and_density(snap, snap.dust)
     assert found["h"].shape == found["density"].shape == (n,)
     assert np.all(found["h"] > 0) and np.all(np.isfinite([found["h"], found["density"]]))
 
@@ -150,5 +150,5 @@ def test_hardly_any_dust_has_finite_densities(tmp_path, rng, n):
 def test_dust_in_one_place_has_finite_densities(tmp_path, rng):
     dust = dust_of(rng, 300)
     dust.pos[:] = 3.0
-    found = _spread(snap := written(tmp_path, DISC, gas_of(rng, 400), dust), snap.dust)
+    found = _radius_and_density(snap := written(tmp_path, DISC, gas_of(rng, 400), dust), snap.dust)
     assert np.all(found["h"] > 0) and np.all(np.isfinite([found["h"], found["density"]]))

@@ -43,7 +43,7 @@ def snapshot(tmp_path, mass=None):
 
 def test_maps_are_means_over_mass(tmp_path):
     snap = snapshot(tmp_path)
-    assert figure._of_grains(snap) == ["dust.size", "dust.stokes"]
+    assert figure._grain_fields(snap) == ["dust.size", "dust.stokes"]
     centres = -4.0 + 8.0 / 160 * (np.arange(160) + 0.5)
     r = np.hypot(*np.meshgrid(centres, centres))
     for name, unit in (("size", 1.0), ("stokes", 30.0)):
@@ -57,23 +57,23 @@ def test_maps_are_means_over_mass(tmp_path):
 
 def test_the_figure_has_them(tmp_path):
     snap = snapshot(tmp_path)
-    drawn = figure._maps(snap)
+    drawn = figure._figure_2d(snap)
     labels = [axes.get_ylabel() for axes in drawn.findobj(lambda a: hasattr(a, "get_ylabel"))]
     assert {"grain size $s$", "Stokes number"} <= set(labels)
     figure.last_state_figure(tmp_path / "a.h5", tmp_path / "a.png")
     assert (tmp_path / "a.png").stat().st_size > 10_000
     plain = replace(snap, dust=replace(snap.dust, size=None))
-    assert len(figure._maps(plain).axes) < len(drawn.axes)
+    assert len(figure._figure_2d(plain).axes) < len(drawn.axes)
 
 
 def test_grains_without_mass_or_of_one_size(tmp_path):
     nothing = snapshot(tmp_path, mass=np.zeros(COUNT))
-    assert figure._of_grains(nothing) == []
-    figure._maps(nothing)
+    assert figure._grain_fields(nothing) == []
+    figure._figure_2d(nothing)
     picture = map_picture(on_pixels(nothing, WINDOW, 40), "dust.size", WINDOW)
     assert np.isnan(picture.values).all() and norm_of([picture]).vmin > 0.0
     some = snapshot(tmp_path, mass=np.where(np.arange(COUNT) < COUNT // 2, 1e-9, 0.0))
-    figure._maps(some)
+    figure._figure_2d(some)
     norm = norm_of([replace(picture, values=np.full((3, 3), 0.01))])
     assert norm.vmin < 0.01 < norm.vmax
 
@@ -81,12 +81,12 @@ def test_grains_without_mass_or_of_one_size(tmp_path):
 def test_small_dust_beside_grown(tmp_path):
     """Gas that carries a fifth of its mass: a profile of its own, a quarter of that of the gas alone."""
     snap = snapshot(tmp_path)
-    assert not [line for line in figure._maps(snap).axes[-1].lines if line.get_label() == "small dust"]
+    assert not [line for line in figure._figure_2d(snap).axes[-1].lines if line.get_label() == "small dust"]
     dust = snap.dust
     mass, small = np.full(COUNT, 1e-7), np.full(COUNT, 2e-8)
     gas = SnapshotParticles(dust.units, {}, dust.pos, dust.vel, mass, dust.ids, small=small)
     snap = replace(snap, gas=gas)
-    axes = figure._maps(snap).axes[-1]
+    axes = figure._figure_2d(snap).axes[-1]
     lines = {line.get_label(): line.get_ydata() for line in axes.lines}
     assert set(lines) == {"gas", "grown dust", "small dust"}
     seen = np.isfinite(lines["gas"])

@@ -68,7 +68,7 @@ def divided(made, number=NUMBER):
 
 def in_parts(path, shares, fill, before=None, made="abc"):
     """As ranks do it: `fill(share, into)` writes that share."""
-    stem = parts.stem_of(path, before)
+    stem = parts.create_stem(path, before)
     written = [parts.Part(path, stem, number, made) for number in range(len(shares))]
     for part, share in zip(written, shares, strict=True):
         fill(share, part.create)
@@ -172,7 +172,7 @@ def put_checkpoint(path, number, before):
         write_checkpoint(path, groups, {"number": number}, before, into)
 
     in_parts(path, range(NUMBER), fill, before, made=f"checkpoint {number}")
-    parts.tidy(path.parent)
+    parts.remove_unused_parts(path.parent)
 
 
 def test_each_checkpoint_keeps_its_parts_while_it_is_there(tmp_path):
@@ -188,7 +188,7 @@ def test_each_checkpoint_keeps_its_parts_while_it_is_there(tmp_path):
         assert len(os.listdir(tmp_path / "parts")) == NUMBER * min(number + 1, 2)
     path.unlink()
     before.unlink()
-    parts.tidy(tmp_path)
+    parts.remove_unused_parts(tmp_path)
     assert [*tmp_path.iterdir()] == []
 
 
@@ -204,7 +204,7 @@ def test_a_kill_at_any_moment_leaves_a_checkpoint(tmp_path):
         values = checkpoints.newest()[1]
         sweep(left)  # as a run does that goes on
         checkpoints.settle()
-        parts.tidy(left)
+        parts.remove_unused_parts(left)
         groups, again = read_checkpoint(left / path.name)
         assert again == values and np.array_equal(groups["gas"]["mass"], np.arange(12.0) + 100 * values["number"])
         found.append(values["number"])
@@ -238,11 +238,11 @@ def test_parts_that_no_file_names_are_removed(tmp_path):
         path.write_bytes(b"")
     content = (tmp_path / "a.h5").read_bytes()
     (tmp_path / "a.h5").write_bytes(content[:100])
-    parts.tidy(tmp_path)
+    parts.remove_unused_parts(tmp_path)
     assert len([*(tmp_path / "parts").iterdir()]) == NUMBER + 2
     (tmp_path / "a.h5").write_bytes(content)
     sweep(tmp_path)
-    parts.tidy(tmp_path)
+    parts.remove_unused_parts(tmp_path)
     assert sorted(os.listdir(tmp_path / "parts")) == ["a.0.h5", "a.1.h5", "a.2.h5"]
 
 
@@ -262,7 +262,7 @@ def test_a_run_that_begins_with_a_snapshot_has_its_parts_too(both, tmp_path):
     shutil.rmtree(both[1].parent)
     assert own.initial.file.path.parent == out
     assert np.array_equal(read_snapshot(own.initial.file.path).gas.pos, read_snapshot(both[0]).gas.pos)
-    parts.tidy(out)
+    parts.remove_unused_parts(out)
     assert len(os.listdir(out / "parts")) == NUMBER
 
 

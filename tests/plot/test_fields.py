@@ -15,7 +15,7 @@ from discsim import Simulation
 from discsim.numerics.state import Dust, Gas
 from discsim.output.fields.base import FieldError
 from discsim.output.fields.binned import Optics
-from discsim.output.fields.names import columns, known, listed, of_run, why_not
+from discsim.output.fields.names import available_fields, columns, listed, matching_fields, missing_reason
 from discsim.output.fields.values import on_pixels
 from discsim.output.snapshot import read_snapshot, write_snapshot
 from discsim.parts import FIELDS
@@ -114,7 +114,7 @@ def test_every_field_says_what_it_is_and_reads_what_it_needs(path, snap):
     for name, unit, about in listed():
         assert ": " in about or about.endswith(": P"), name
         u.Unit(unit)
-        if why_not(FIELDS[name], snap) is None:
+        if missing_reason(FIELDS[name], snap) is None:
             of_needs = read_snapshot(path, columns([name])).field(name, pixels=30)
             assert of_needs.unit == u.Unit(unit) and np.isfinite(of_needs.value).any(), name
 
@@ -129,22 +129,22 @@ def test_every_field_says_what_it_is_and_reads_what_it_needs(path, snap):
 )
 def test_an_unknown_field(word, words):
     with pytest.raises(FieldError) as error:
-        known(word)
+        matching_fields(word)
     assert words in str(error.value) and "\n" not in str(error.value) and f'"{word}"' in str(error.value)
 
 
 def test_why_a_run_lacks_a_field(snap):
     def lacks(word, of):
         with pytest.raises(FieldError) as error:
-            of_run(word, of)
+            available_fields(word, of)
         return str(error.value)
 
     assert "the grains have one size" in lacks("dust.size", snap)
     assert "no [growth]" in lacks("small_dust.surface_density", snap)
     assert lacks("stokes", replace(snap, dust=None)) == "stokes: the run has no dust"
     assert "needs two dimensions" in lacks("v_r", replace(snap, dimensions=1))
-    assert of_run("v_r", snap) == ["gas.v_r", "dust.v_r"]
-    assert of_run("v_r", replace(snap, gas=None)) == ["dust.v_r"]
+    assert available_fields("v_r", snap) == ["gas.v_r", "dust.v_r"]
+    assert available_fields("v_r", replace(snap, gas=None)) == ["dust.v_r"]
     code = replace(snap, units=replace(snap.units, system="code"), gas=replace(snap.gas, temperature=None))
     assert "in code units, where gas has no temperature" in lacks("temperature", code)
 

@@ -13,12 +13,12 @@ import discsim
 import discsim.plot
 from discsim.cli import app
 from discsim.numerics.state import Dust, Gas
-from discsim.output.drawing import log_ticks, plain, round_number
+from discsim.output.drawing import log_ticks, number_text, round_number
 from discsim.output.fields.base import PlotError
 from discsim.output.fields.look import look_of
 from discsim.output.snapshot import files_of, write_snapshot
 from discsim.plot.request import Request
-from discsim.plot.sources import chosen
+from discsim.plot.sources import select_snapshots
 from discsim.scene import load_scene
 
 COUNT = 400
@@ -123,7 +123,7 @@ def test_the_other_run_over_the_first(run, other):
 def test_profiles_are_of_the_times_that_are_asked_for(run):
     units = discsim.read_snapshot(files_of(run)[0]).units
     texts = [units.show_time(time) for time in (1.0, 2.0)]
-    assert [each.path.stem for each in chosen([run], texts)] == ["0001", "0002"]
+    assert [each.path.stem for each in select_snapshots([run], texts)] == ["0001", "0002"]
     figure = Request([run], ["dust.surface_density"], "profile", texts).figure()
     (axes,) = figure.axes
     assert [line.get_label() for line in axes.lines] == [f"t = {text}" for text in texts]
@@ -289,8 +289,8 @@ def test_importing_discsim_imports_no_matplotlib():
 
 
 def test_numbers_on_axes():
-    assert [plain(x) for x in (0.5, 0.0001, 200.0, 20000.0)] == ["0.5", "0.0001", "200", "20000"]
-    assert plain(2e-7) == r"$2\times10^{-7}$"
+    assert [number_text(x) for x in (0.5, 0.0001, 200.0, 20000.0)] == ["0.5", "0.0001", "200", "20000"]
+    assert number_text(2e-7) == r"$2\times10^{-7}$"
     assert [round_number(x) for x in (0.19, 1.0, 4.9, 75.0)] == [0.1, 1.0, 2.0, 50.0]
 
 

@@ -15,7 +15,7 @@ from discsim.scene import SceneError
 from discsim.study import runs as study_runs
 from discsim.study.cheapest import Cheapest, Wanted
 from discsim.study.errors import measure_of
-from discsim.study.frontier import _own, powers
+from discsim.study.frontier import _cost_of_own_error, powers
 from discsim.study.runs import DeadlineError
 from discsim.study.trials import Measured, Trial
 
@@ -258,5 +258,5 @@ def test_what_the_scenes_own_error_costs(error, words):
     """Seeds of the scene scatter by 1e-4: what is within twice that is as good."""
     scene = Trial((0,), [Measured(3.0, value) for value in (0.0099, 0.01, 0.0101)])
     cheap = Trial((1,), [Measured(1.0, error)])
-    study = SimpleNamespace(bench=SimpleNamespace(trials={(0,): scene, (1,): cheap}), words=lambda trial: "settings")
-    assert words in _own(study, scene)
+    study = SimpleNamespace(runner=SimpleNamespace(trials={(0,): scene, (1,): cheap}), words=lambda trial: "settings")
+    assert words in _cost_of_own_error(study, scene)

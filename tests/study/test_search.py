@@ -221,10 +221,10 @@ def test_what_buys_nothing_is_put_back():
 def test_a_gain_within_the_noise_is_none():
     model = Model((PARTICLES, IDLE))
     search = Search(model.dials, model, 0.01, (0, 0), lambda text: None)
-    search.noise = 0.4
+    search.error_noise = 0.4
     for place, factor in (((0, 0), 1.0), ((2, 0), 0.75), ((4, 0), 0.5), ((-2, 0), 1.2)):
         model.trials[place] = Trial(place, [Measured(1.0, 0.1 * factor)])
-    gains = [search._change(place).error for place in ((2, 0), (4, 0), (-2, 0))]
+    gains = [search._change_from_centre(place).error for place in ((2, 0), (4, 0), (-2, 0))]
     # What is worse counts as it is: a loss that is overlooked would cost the goal.
     assert gains == pytest.approx([0.0, math.log(0.5), math.log(1.2)])
 

@@ -1,1 +1,1 @@
-"""Fields of a snapshot by name. Each is a function with unit, label and equation, registered in `discsim/parts.py`."""
+"""Fields of a snapshot, such as "gas.v_r": functions with unit, label and equation, listed in `discsim/parts.py`."""

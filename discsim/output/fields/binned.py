@@ -1,4 +1,4 @@
-"""Fields of a snapshot on pixels or in rings; sums that several fields share are computed once."""
+"""Fields of a snapshot on pixels or in rings; fields and sums over particles are cached."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Optics:
-    """Wavelength and opacity per gram of dust for emission and optical depth, as astropy Quantities.
+    """Wavelength, and opacity per mass of dust, for emission and optical depth, as astropy Quantities.
 
-    By default the opacity is that of Beckwith et al. (1990), 10 cm2/g (nu / 1 THz).
+    The default opacity is 10 cm2/g (nu / 1 THz), from Beckwith et al. (1990).
     """
 
     wavelength: Any
@@ -62,7 +62,7 @@ class Optics:
 
 
 class Binned:
-    """Fields by name, `binned["gas.v_r"]`, in code units, in the bins that `bins_of` returns for a species."""
+    """Fields by name in bins, as in `binned["gas.v_r"]`, in code units; `bins_of(species)` returns the bins."""
 
     def __init__(self, snap: Snapshot, bins_of: Callable[[str], Bins], optics: Optics | None = None) -> None:
         self.snap, self._bins_of, self._optics = snap, bins_of, optics
@@ -74,12 +74,12 @@ class Binned:
         return self._optics or Optics.usual()
 
     def __getitem__(self, name: str) -> Array:
-        """Return a field in each bin: densities (0 in empty bins), or mass-weighted means (NaN in empty bins)."""
+        """Return a field in each bin: a density (0 in empty bins), or a mean (NaN for too little mass)."""
         if name not in self._found:
-            self._found[name] = self._find(name)
+            self._found[name] = self._compute(name)
         return self._found[name]
 
-    def _find(self, name: str) -> Array:
+    def _compute(self, name: str) -> Array:
         field = FIELDS[name]
         if field.kind == "places":
             return field.values(self)
@@ -88,11 +88,11 @@ class Binned:
             return bins.sum(values) / bins.measure
         mass = self.mass(field.species)
         weighted = bins.sum(self.snap.species[field.species].mass * values)
-        return np.divide(weighted, mass, where=bins.there(mass), out=np.full(mass.shape, np.nan))
+        return np.divide(weighted, mass, where=bins.has_enough_mass(mass), out=np.full(mass.shape, np.nan))
 
-    def there(self, species: str) -> Array:
-        """Return the bins with enough mass of a species for a mean."""
-        return self.bins(species).there(self.mass(species))
+    def has_enough_mass(self, species: str) -> Array:
+        """Return a mask of the bins with enough mass of a species for a mean."""
+        return self.bins(species).has_enough_mass(self.mass(species))
 
     def mass(self, species: str) -> Array:
         """Return the mass of a species in each bin."""

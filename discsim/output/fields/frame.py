@@ -1,4 +1,4 @@
-"""The centre of a disc: position, velocity and mass of the central body or bodies."""
+"""Position, velocity and mass of the disc's centre: the star, or star and companions together."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ Array = np.ndarray
 
 
 def central_mass(snap: Snapshot) -> float:
-    """Return the mass about which the disc orbits (`formulas/centre.py`), in code units."""
+    """Return the mass of the bodies about which the disc orbits (`formulas/centre.py`), in code units."""
     if snap.bodies is None:
         return in_code(snap.units, snap.tables["star"]["mass"], "mass")
-    return float(snap.bodies.mass[_central(snap)].sum())
+    return float(snap.bodies.mass[_is_central(snap)].sum())
 
 
 def centre_of(snap: Snapshot) -> tuple[Array, Array]:
-    """Return position and velocity (2,) of the disc's centre in a snapshot with bodies."""
+    """Return position and velocity (2,) of the disc's centre; the snapshot must have bodies."""
     assert snap.bodies is not None and snap.bodies.vel is not None
-    share = snap.bodies.mass * _central(snap)
+    share = snap.bodies.mass * _is_central(snap)
     share /= share.sum()
     return share @ snap.bodies.pos, share @ snap.bodies.vel
 
 
-def _central(snap: Snapshot) -> Array:
+def _is_central(snap: Snapshot) -> Array:
     """Return a mask (n,) of the bodies about which the disc orbits."""
     star, companions = snap.tables["star"], snap.tables.get("companion", [])
     each = [companions] if isinstance(companions, dict) else companions
@@ -38,11 +38,11 @@ def _central(snap: Snapshot) -> Array:
 
 
 def omega(snap: Snapshot, radius: Array) -> Array:
-    """Return the frequency (n,) of circular orbits about the central mass: Omega_K^2 = M / (r^2 + s^2)^(3/2)."""
+    """Return Omega_K (n,) at `radius` (n,): Omega_K^2 = M / (r^2 + s^2)^(3/2), for a mass M with softening s."""
     softening = in_code(snap.units, snap.tables["star"].get("softening", 0.0), "length")
     return centre.omega(central_mass(snap), radius, softening)
 
 
 def in_code(units: Units, value: Any, dimension: str) -> float:
-    """Return a value of a scene, a number or a text with a unit, in code units. Raises UnitError."""
+    """Return a value of a scene in code units; it is a number, or a text with a unit. Raises UnitError."""
     return units.parse(value, dimension) if isinstance(value, str) else float(value)

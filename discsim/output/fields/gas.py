@@ -18,7 +18,7 @@ Array = np.ndarray
 @base.density("gas", r"$\Sigma_SPECIES$", reads=("gas.small", "gas.density"))
 def surface_density(snap: Snapshot) -> Array:
     """surface density: Sigma = sum m / area, without small dust"""
-    return snap.gas.mass * _gas_share(snap)
+    return snap.gas.mass * _gas_fraction(snap)
 
 
 @base.of_particles("gas", "density", r"$\Sigma_\mathrm{SPH}$", needs=("gas.density",))
@@ -57,7 +57,7 @@ def sound_speed(snap: Snapshot) -> Array:
 def aspect_ratio(snap: Snapshot) -> Array:
     """aspect ratio: H / r = sqrt(P / Sigma) / (Omega_K r), without small dust"""
     r = snap.gas.radius
-    return np.sqrt(snap.gas.pressure / (snap.gas.density * _gas_share(snap))) / (omega(snap, r) * r)
+    return np.sqrt(snap.gas.pressure / (snap.gas.density * _gas_fraction(snap))) / (omega(snap, r) * r)
 
 
 @base.of_particles(
@@ -74,8 +74,8 @@ def h(snap: Snapshot) -> Array:
     return snap.gas.h
 
 
-def _gas_share(snap: Snapshot) -> Array | float:
-    """Return the gas fraction of each particle's mass (n,); 1.0 without small dust, or with one-way drag."""
+def _gas_fraction(snap: Snapshot) -> Array | float:
+    """Return the fraction (n,) of gas in each particle's mass; 1.0 if this mass does not include small dust."""
     small = snap.gas.small
     one_way = snap.tables.get("drag", {}).get("direction") == "one-way"
     return 1.0 if small is None or one_way else 1.0 - small / snap.gas.mass

@@ -1,6 +1,6 @@
 """Display options of fields: window, range of colours, distance, wavelength and opacity.
 
-`Snapshot.field`, `discsim.plot` and the command line take the same arguments and convert them to a `Look`.
+`Snapshot.field`, `discsim.plot` and the command line have the same arguments; `look_of` converts them to a `Look`.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ import numpy as np
 
 from discsim.output.fields.base import FieldError, PlotError
 from discsim.output.fields.binned import Optics
-from discsim.output.fields.names import of_run
-from discsim.output.fields.values import Window, hole, in_rings, on_pixels, reach, shown_window
+from discsim.output.fields.names import available_fields
+from discsim.output.fields.values import Window, default_window, in_rings, inner_radius, on_pixels, outer_radius
 from discsim.parts import FIELDS
 from discsim.scene.units import UnitError, Units, clipped, parse_quantity
 
@@ -24,18 +24,20 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 PIXELS = 480
-LARGEST = 1e60  # bound on x and 1/x for numbers on axes, as for values of a scene
-SIZES = f"from {1.0 / LARGEST:g} to {LARGEST:g}"
+MAX_SIZE = 1e60  # numbers on axes are 0 or from 1/MAX_SIZE to MAX_SIZE in magnitude, as values of a scene
+RANGE_TEXT = f"from {1.0 / MAX_SIZE:g} to {MAX_SIZE:g}"
 
 
 @dataclass(frozen=True)
 class Look:
     """Display options of a figure or field.
 
-    `window` is "R", "R1,R2" or "X,Y,R": a text with lengths like "50 au", a Quantity, or numbers in code units; or
-    corners (lower, upper), not as text. `limits` are the lowest and highest value of colours or axis, in the unit
-    shown. `distance` is an astropy Quantity, for angles in arcsec. `corners` and `ends` are the window and the range
-    of radii, in code units, that several snapshots share. `prefix` precedes argument names in messages.
+    `window` is the region: (R), half the side of a square or the outer radius; (R1, R2), a range of radii; or (X, Y,
+    R), the middle and half the side. It is a text like "50 au,80 au", a Quantity, or an array in code units; the
+    last two may also be corners (lower, upper). `limits` are the lowest and highest value of colours or axis, in the
+    unit shown. `distance` is the distance of the disc, an astropy Quantity, for angles in arcsec. `corners` and
+    `ends`, if set, replace `window` by a region and a range of radii in code units (see `shared`). `prefix` precedes
+    argument names in messages.
     """
 
     window: Any = None
@@ -48,21 +50,24 @@ class Look:
     prefix: str = ""
 
     def map_window(self, snap: Snapshot) -> Window:
-        """Return the corners of the window in code units: as given, or those of the disc or box. Raises PlotError."""
+        """Return the corners of the window in code units; by default those around the disc or box. Raises PlotError."""
         if self.corners is not None:
             return self.corners
         given = self._lengths(snap.units)
         if given.ndim == 2:
             return given[0], given[1]
         if len(given) == 0:
-            return shown_window(snap)
+            return default_window(snap)
         if len(given) == 2:
             raise self._wrong('is a range of radii; expected "R" or "X,Y,R" for a map')
         middle = given[:2] if len(given) == 3 else np.zeros(2)
         return middle - given[-1], middle + given[-1]
 
     def radii(self, snap: Snapshot, inner: float = 0.0) -> tuple[float, float]:
-        """Return the range of radii (in 1D of positions) to show, in code units; it starts at `inner` by default."""
+        """Return the range of radii (in 1D of positions) to show, in code units. Raises PlotError.
+
+        `inner` is the lower end if `window` gives none.
+        """
         if self.ends is not None:
             return self.ends
         given = self._lengths(snap.units)
@@ -73,30 +78,36 @@ class Look:
         if snap.dimensions == 1:
             low, high = (-given[0], given[0]) if len(given) else (snap.lower[0], snap.upper[0])
             return float(low), float(high)
-        return inner, float(given[0]) if len(given) else reach(snap)
+        return inner, float(given[0]) if len(given) else outer_radius(snap)
 
     def shared(self, snaps: Sequence[Snapshot], kind: str) -> Look:
-        """Return a look with a common window that covers those of all snapshots. Raises PlotError."""
+        """Return these options with `corners` (for a "map") or `ends` set, to the same for all snapshots.
+
+        They contain the regions of all the snapshots. Raises PlotError.
+        """
         if kind == "map":
             windows = [self.map_window(snap) for snap in snaps]
             corners = np.min([low for low, _ in windows], axis=0), np.max([high for _, high in windows], axis=0)
             return replace(self, corners=corners)
-        spans = [self.radii(snap, 0.9 * hole(snap) if kind == "polar" else 0.0) for snap in snaps]
+        spans = [self.radii(snap, 0.9 * inner_radius(snap) if kind == "polar" else 0.0) for snap in snaps]
         return replace(self, ends=(min(low for low, _ in spans), max(high for _, high in spans)))
 
     def _lengths(self, units: Units) -> Array:
-        """Return the lengths of the window in code units (up to three), or its corners (2, 2). Raises PlotError."""
+        """Return `window` in code units: one to three lengths, corners (2, 2), or no lengths by default.
+
+        Raises PlotError.
+        """
         if self.window is None:
             return np.zeros(0)
         try:
             if isinstance(self.window, str):
                 given = np.array([self._length(text, units) for text in self.window.split(",")])
             else:
-                given = np.atleast_1d(self._in_code(self.window, units, _shown(self.window)))
+                given = np.atleast_1d(self._in_code(self.window, units, _message_text(self.window)))
         except UnitError as error:
             raise PlotError(f"{self.prefix}window: {error}") from None
-        if not _in_reach(given):
-            raise self._wrong(f"is out of range; expected 0, or sizes {SIZES} in code units")
+        if not _in_range(given):
+            raise self._wrong(f"is out of range; expected 0, or sizes {RANGE_TEXT} in code units")
         if given.ndim > 1:
             if given.shape != (2, 2) or not (given[0] < given[1]).all():
                 raise self._wrong(
@@ -109,10 +120,11 @@ class Look:
         return given
 
     def _wrong(self, words: str) -> PlotError:
-        return PlotError(f'{self.prefix}window: "{_shown(self.window)}" {words}')
+        """Return the error for a wrong window; `words` continue the sentence."""
+        return PlotError(f'{self.prefix}window: "{_message_text(self.window)}" {words}')
 
     def _length(self, text: str, units: Units) -> float:
-        """Return a text in code units; with a distance it may be an angle. Raises UnitError."""
+        """Return a text in code units of length; it may be an angle if `distance` is set. Raises UnitError."""
         if units.system == "code":
             return units.of_text(text, "length")
         given = parse_quantity(text, units.expected("length"))
@@ -121,9 +133,9 @@ class Look:
         return units.parse(text, "length")
 
     def _in_code(self, given: Any, units: Units, text: str) -> Any:
-        """Return lengths in code units; plain numbers are in code units already.
+        """Return a length or lengths in code units: numbers unchanged, a Quantity converted.
 
-        A Quantity may be an angle. Raises UnitError.
+        The Quantity may be an angle if `distance` is set. `text` is the argument in messages. Raises UnitError.
         """
         if not hasattr(given, "unit"):
             return given
@@ -134,7 +146,7 @@ class Look:
         return units.in_code(given, "length")
 
     def arcsec(self, units: Units) -> float | None:
-        """Return arcsec per au at the distance; None without a distance. Raises PlotError in code units."""
+        """Return arcsec per au at `distance`; None if it is not set. Raises PlotError for a scene in code units."""
         if self.distance is None:
             return None
         if units.system == "code":
@@ -153,10 +165,10 @@ def look_of(
     pixels: int = PIXELS,
     prefix: str = "",
 ) -> Look:
-    """Return a look from arguments of the command line or of Python. Raises PlotError.
+    """Return display options from arguments of the command line or of Python functions. Raises PlotError.
 
-    Texts are like "50 au", "1e-3,10", "140 pc", "1.3 mm" and "2 cm2/g". Python also accepts Quantities, a window as
-    numbers in code units or corners, and limits as a pair.
+    In their order, arguments are texts like "50 au", "1e-3,10", "140 pc", "1.3 mm" and "2 cm2/g". They may also be
+    Quantities; `window` may be an array in code units, and `limits` a pair of numbers.
     """
     optics = None
     if wavelength is not None or opacity is not None:
@@ -166,42 +178,44 @@ def look_of(
     away = None if distance is None else _quantity(distance, f"{prefix}distance", "pc")
     ends = None if limits is None else _limits(limits, "--range" if prefix else "limits")
     if isinstance(pixels, bool) or not isinstance(pixels, Integral) or pixels < 1:
-        raise PlotError(f"{prefix}pixels: {_shown(pixels)}; expected a whole number, 1 or more")
+        raise PlotError(f"{prefix}pixels: {_message_text(pixels)}; expected a whole number, 1 or more")
     return Look(_window(window, prefix), ends, away, optics, pixels=int(pixels), prefix=prefix)
 
 
 def _window(given: Any, prefix: str) -> Any:
-    """Return the argument `window` as the attribute of `Look`. Raises PlotError."""
+    """Return the argument `window` as a text, Quantity or array of floats. Raises PlotError."""
     if given is None or isinstance(given, str) or hasattr(given, "unit"):
         return given
     try:
         return np.asarray(given, dtype=float)
     except (TypeError, ValueError):
         wanted = 'a text like "50 au", a Quantity, or numbers in code units'
-        raise PlotError(f"{prefix}window: {_shown(given)}; expected {wanted}") from None
+        raise PlotError(f"{prefix}window: {_message_text(given)}; expected {wanted}") from None
 
 
 def _limits(given: Any, name: str) -> tuple[float, float]:
-    """Return the lowest and highest value from a text or a pair. Raises PlotError."""
+    """Return the argument `limits`, a text or a pair, as two numbers. Raises PlotError."""
     try:
         low, high = (float(part) for part in (given.split(",") if isinstance(given, str) else given))
     except (TypeError, ValueError):
-        raise PlotError(f'{name}: "{_shown(given)}"; expected two numbers, LOW,HIGH, in the unit shown') from None
+        raise PlotError(
+            f'{name}: "{_message_text(given)}"; expected two numbers, LOW,HIGH, in the unit shown'
+        ) from None
     if not low < high:
-        raise PlotError(f'{name}: "{_shown(given)}"; expected LOW below HIGH')
-    if not _in_reach((low, high)):
-        raise PlotError(f'{name}: "{_shown(given)}" is out of range; expected 0, or sizes {SIZES}')
+        raise PlotError(f'{name}: "{_message_text(given)}"; expected LOW below HIGH')
+    if not _in_range((low, high)):
+        raise PlotError(f'{name}: "{_message_text(given)}" is out of range; expected 0, or sizes {RANGE_TEXT}')
     return low, high
 
 
-def _in_reach(given: Any) -> bool:
-    """Return whether all numbers are 0 or in the range that axes can show."""
+def _in_range(given: Any) -> bool:
+    """Return whether each of the numbers is 0, or of a magnitude that axes can show."""
     size = np.abs(given)
-    return bool(((size == 0.0) | ((size >= 1.0 / LARGEST) & (size <= LARGEST))).all())
+    return bool(((size == 0.0) | ((size >= 1.0 / MAX_SIZE) & (size <= MAX_SIZE))).all())
 
 
-def _shown(given: Any) -> str:
-    """Return an argument as one line for a message."""
+def _message_text(given: Any) -> str:
+    """Return an argument as one line of limited length for a message."""
     return clipped(" ".join(str(given).split()))
 
 
@@ -213,15 +227,17 @@ def _quantity(given: Any, name: str, unit: str) -> Any:
     except UnitError as error:
         raise PlotError(f"{name}: {error}") from None
     if np.ndim(value.value) != 0 or not value.unit.is_equivalent(unit) or not value.value > 0.0:
-        raise PlotError(f'{name}: "{_shown(given)}"; expected {expected}')
-    if not _in_reach(value.to_value(unit)):
-        raise PlotError(f'{name}: "{_shown(given)}" is out of range; expected {SIZES.replace("from ", "")} {unit}')
+        raise PlotError(f'{name}: "{_message_text(given)}"; expected {expected}')
+    if not _in_range(value.to_value(unit)):
+        raise PlotError(
+            f'{name}: "{_message_text(given)}" is out of range; expected {RANGE_TEXT.replace("from ", "")} {unit}'
+        )
     return value
 
 
 def field_of(snap: Snapshot, name: str, edges: Any = None, **given: Any) -> Any:
-    """Implement `Snapshot.field`."""
-    found = of_run(name, snap)
+    """Return a field as a Quantity; see `Snapshot.field`."""
+    found = available_fields(name, snap)
     if len(found) > 1:
         raise FieldError(f'"{name}" exists for several species; expected one of {", ".join(found)}')
     field, snap, look = FIELDS[found[0]], snap.about_centre(), look_of(**given)
@@ -238,15 +254,15 @@ def field_of(snap: Snapshot, name: str, edges: Any = None, **given: Any) -> Any:
 
 
 def _edges(snap: Snapshot, given: Any) -> Array:
-    """Return the edges of rings (in 1D of bins) in code units. Raises PlotError."""
+    """Return the argument `edges`, of rings or in 1D of bins, as floats in code units. Raises PlotError."""
     try:
         edges = np.asarray(snap.units.in_code(given, "length") if hasattr(given, "unit") else given, dtype=float)
     except UnitError as error:
         raise PlotError(f"edges: {error}") from None
     except (TypeError, ValueError):
-        raise PlotError(f"edges: {_shown(given)}; expected numbers in code units, or a Quantity") from None
+        raise PlotError(f"edges: {_message_text(given)}; expected numbers in code units, or a Quantity") from None
     if edges.ndim != 1 or len(edges) < 2 or not (np.diff(edges) > 0.0).all():
-        raise PlotError(f"edges: {_shown(given)}; expected at least two increasing numbers")
+        raise PlotError(f"edges: {_message_text(given)}; expected at least two increasing numbers")
     if snap.dimensions == 2 and edges[0] < 0.0:
-        raise PlotError(f"edges: {_shown(given)}; expected radii of 0 or more")
+        raise PlotError(f"edges: {_message_text(given)}; expected radii of 0 or more")
     return edges

@@ -17,8 +17,13 @@ Array = np.ndarray
 Of = Callable[["Snapshot", "SnapshotParticles"], Array]
 
 
-def _both(dimension: str, label: str, *needs: str, **more: Any) -> Callable[[Of], tuple[base.Field, base.Field]]:
-    """Return a decorator that makes one field for gas and one for dust; "vel" in `needs` is that of the species."""
+def _for_gas_and_dust(
+    dimension: str, label: str, *needs: str, **more: Any
+) -> Callable[[Of], tuple[base.Field, base.Field]]:
+    """Return a decorator that makes a field of gas and a field of dust from a function (snapshot, particles).
+
+    The need "vel" stands for the velocity column of the species.
+    """
 
     def fields(values: Of) -> tuple[base.Field, base.Field]:
         return _of("gas", values), _of("dust", values)
@@ -34,65 +39,70 @@ def _both(dimension: str, label: str, *needs: str, **more: Any) -> Callable[[Of]
     return fields
 
 
-@_both("length", "$r$", "plane", scale="linear", colours="cividis")
+@_for_gas_and_dust("length", "$r$", "plane", scale="linear", colours="cividis")
 def _radius(snap: Snapshot, p: SnapshotParticles) -> Array:
     """distance from the centre: r"""
     return p.radius
 
 
-@_both("length", "$x$", scale="linear", colours="cividis")
+@_for_gas_and_dust("length", "$x$", scale="linear", colours="cividis")
 def _x(snap: Snapshot, p: SnapshotParticles) -> Array:
     """position: x, from the centre if there is one"""
     return p.pos[:, 0]
 
 
-@_both("length", "$y$", "plane", scale="linear", colours="cividis")
+@_for_gas_and_dust("length", "$y$", "plane", scale="linear", colours="cividis")
 def _y(snap: Snapshot, p: SnapshotParticles) -> Array:
     """position: y, from the centre if there is one"""
     return p.pos[:, 1]
 
 
-@_both("velocity", "$v_{x,SPECIES}$", "vel", scale="signed", colours="RdBu_r")
+@_for_gas_and_dust("velocity", "$v_{x,SPECIES}$", "vel", scale="signed", colours="RdBu_r")
 def _v_x(snap: Snapshot, p: SnapshotParticles) -> Array:
     """velocity along x: v_x"""
     return p.vel[:, 0]
 
 
-@_both("velocity", "$v_{y,SPECIES}$", "vel", "plane", scale="signed", colours="RdBu_r")
+@_for_gas_and_dust("velocity", "$v_{y,SPECIES}$", "vel", "plane", scale="signed", colours="RdBu_r")
 def _v_y(snap: Snapshot, p: SnapshotParticles) -> Array:
     """velocity along y: v_y"""
     return p.vel[:, 1]
 
 
-@_both("velocity", "$v_{r,SPECIES}$", "vel", "plane", unit="m/s", scale="signed", colours="RdBu_r")
+@_for_gas_and_dust("velocity", "$v_{r,SPECIES}$", "vel", "plane", unit="m/s", scale="signed", colours="RdBu_r")
 def _v_r(snap: Snapshot, p: SnapshotParticles) -> Array:
     """radial velocity: v_r = (x v_x + y v_y) / r"""
-    return np.einsum("ij,ij->i", p.pos, p.vel) / _away(p)
+    return np.einsum("ij,ij->i", p.pos, p.vel) / _nonzero_radius(p)
 
 
-@_both("velocity", r"$v_{\varphi,SPECIES}$", "vel", "plane", scale="linear", colours="viridis")
+@_for_gas_and_dust("velocity", r"$v_{\varphi,SPECIES}$", "vel", "plane", scale="linear", colours="viridis")
 def _v_phi(snap: Snapshot, p: SnapshotParticles) -> Array:
     """azimuthal velocity: v_phi = (x v_y - y v_x) / r"""
-    return (p.pos[:, 0] * p.vel[:, 1] - p.pos[:, 1] * p.vel[:, 0]) / _away(p)
+    return (p.pos[:, 0] * p.vel[:, 1] - p.pos[:, 1] * p.vel[:, 0]) / _nonzero_radius(p)
 
 
-@_both("velocity", r"$v_{\varphi,SPECIES} - v_\mathrm{K}$", "vel", "plane", "star", unit="m/s", scale="signed",
-       colours="PuOr_r")  # fmt: skip
+@_for_gas_and_dust(
+    "velocity", r"$v_{\varphi,SPECIES} - v_\mathrm{K}$", "vel", "plane", "star", unit="m/s", scale="signed",
+    colours="PuOr_r",
+)  # fmt: skip
 def _v_phi_excess(snap: Snapshot, p: SnapshotParticles) -> Array:
     """azimuthal velocity minus the Keplerian velocity: v_phi - Omega_K r"""
-    return (p.pos[:, 0] * p.vel[:, 1] - p.pos[:, 1] * p.vel[:, 0]) / _away(p) - omega(snap, p.radius) * p.radius
+    return (p.pos[:, 0] * p.vel[:, 1] - p.pos[:, 1] * p.vel[:, 0]) / _nonzero_radius(p) - omega(
+        snap, p.radius
+    ) * p.radius
 
 
-@_both("", "eccentricity $e_SPECIES$", "vel", "plane", "star", scale="linear", colours="cividis")
+@_for_gas_and_dust("", "eccentricity $e_SPECIES$", "vel", "plane", "star", scale="linear", colours="cividis")
 def _eccentricity(snap: Snapshot, p: SnapshotParticles) -> Array:
     """eccentricity of the orbit about the central mass: e^2 = 1 + 2 E L^2 / (G M)^2"""
     mass = central_mass(snap)
-    energy = 0.5 * np.einsum("ij,ij->i", p.vel, p.vel) - mass / _away(p)
+    energy = 0.5 * np.einsum("ij,ij->i", p.vel, p.vel) - mass / _nonzero_radius(p)
     spin = p.pos[:, 0] * p.vel[:, 1] - p.pos[:, 1] * p.vel[:, 0]
     return np.sqrt(np.maximum(1.0 + 2.0 * energy * (spin / mass) ** 2, 0.0))
 
 
-def _away(p: SnapshotParticles) -> Array:
+def _nonzero_radius(p: SnapshotParticles) -> Array:
+    """Return the distance from the origin (n,), never 0, for divisions."""
     return np.maximum(p.radius, 1e-300)
 
 

@@ -1,11 +1,11 @@
-"""Look-up of fields by name, and messages if a run lacks a field."""
+"""Look-up of fields by name, and messages for fields that a run lacks."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING
 
-from discsim.output.fields.base import SHOWN, Field, FieldError
+from discsim.output.fields.base import AXIS_UNITS, Field, FieldError
 from discsim.parts import FIELDS
 from discsim.scene.messages import near
 
@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 SPECIES = ("gas", "dust")
 
 
-def known(word: str) -> list[str]:
-    """Return the field names that match a word: a full name, or a name like "v_r" of each species.
+def matching_fields(word: str) -> list[str]:
+    """Return the field names that match a word; a word like "v_r" matches the field of every species.
 
     Raises FieldError with the nearest name and a list of all fields.
     """
@@ -31,15 +31,15 @@ def known(word: str) -> list[str]:
 
 
 def columns(names: Iterable[str]) -> set[str]:
-    """Return the snapshot columns that fields need, besides positions and masses."""
+    """Return the columns of a snapshot that fields use, besides positions and masses."""
     fields = [FIELDS[name] for name in names]
     return {need for field in fields for need in (*field.needs, *field.reads) if "." in need}
 
 
-def of_run(word: str, snap: Snapshot) -> list[str]:
-    """Return the matching field names that the snapshot has. Raises FieldError if there is none."""
-    names = known(word)
-    lacks = {name: why_not(FIELDS[name], snap) for name in names}
+def available_fields(word: str, snap: Snapshot) -> list[str]:
+    """Return the field names that match a word and that the snapshot has. Raises FieldError if there is none."""
+    names = matching_fields(word)
+    lacks = {name: missing_reason(FIELDS[name], snap) for name in names}
     there = [name for name in names if lacks[name] is None]
     if not there:
         same = len(set(lacks.values())) == 1
@@ -47,21 +47,21 @@ def of_run(word: str, snap: Snapshot) -> list[str]:
     return there
 
 
-def why_not(field: Field, snap: Snapshot) -> str | None:
-    """Return the reason why a snapshot lacks a field; None if it has the field."""
+def missing_reason(field: Field, snap: Snapshot) -> str | None:
+    """Return the reason why a snapshot has no such field; None if it has the field."""
     needs = (f"{field.species}.mass", *field.needs) if field.species else field.needs
-    return next((why for need in needs if (why := _lacks(need, snap))), None)
+    return next((why for need in needs if (why := _missing_need(need, snap))), None)
 
 
-def _lacks(need: str, snap: Snapshot) -> str | None:
-    """Return the reason why a snapshot lacks one of a field's needs; None if it has it."""
+def _missing_need(need: str, snap: Snapshot) -> str | None:
+    """Return the reason why a snapshot does not fulfil an entry of `Field.needs`; None if it does."""
     tables = snap.tables
     if need == "plane":
         return None if snap.dimensions == 2 else "the field needs two dimensions, but the run has one"
     if need == "star":
         return None if "star" in tables else "the field needs a star, but the scene has no [star]"
     if need == "physical":
-        return _of_code_units("quantities have no units") if snap.units.system == "code" else None
+        return _code_units_reason("quantities have no units") if snap.units.system == "code" else None
     kind, _, name = need.partition(".")
     particles = snap.species.get(kind)
     if particles is None:
@@ -70,15 +70,15 @@ def _lacks(need: str, snap: Snapshot) -> str | None:
     if getattr(particles, name, None) is not None or name in particles.columns:
         return None
     if name == "temperature" and snap.units.system == "code":
-        return _of_code_units("gas has no temperature")
-    return f"the snapshot has no {need}{_because(name, tables)}"
+        return _code_units_reason("gas has no temperature")
+    return f"the snapshot has no {need}{_column_hint(name, tables)}"
 
 
-def _of_code_units(what: str) -> str:
+def _code_units_reason(what: str) -> str:
     return f"the scene is in code units, where {what}; expected a run with [units] length and mass"
 
 
-def _because(name: str, tables: dict[str, object]) -> str:
+def _column_hint(name: str, tables: dict[str, object]) -> str:
     if name == "small":
         return ": the scene has no [growth]"
     if name == "size":
@@ -89,14 +89,14 @@ def _because(name: str, tables: dict[str, object]) -> str:
 
 
 def listed() -> Iterator[tuple[str, str, str]]:
-    """Yield name, unit and description of each field."""
+    """Yield name, unit and description of every field."""
     for name, field in FIELDS.items():
         dimension = {"density": "surface_density"}.get(field.dimension, field.dimension)
-        yield name, field.unit or SHOWN.get(dimension, ""), field.about
+        yield name, field.unit or AXIS_UNITS.get(dimension, ""), field.about
 
 
 def table() -> str:
-    """Return the list of fields as text."""
+    """Return the table of all fields as text."""
     rows = [("name", "unit", "description"), *listed()]
     wide = [max(len(row[k]) for row in rows) for k in (0, 1)]
     return "\n".join(f"{name:<{wide[0]}}  {unit:<{wide[1]}}  {about}".rstrip() for name, unit, about in rows)

@@ -1,9 +1,11 @@
-"""Fields of gas and dust together, and observable quantities of the dust.
+"""Fields that combine gas and dust: the dust-to-gas ratio, and emission and optical depth of the dust.
 
-Intensity of optically thin dust at the gas temperature, seen face-on. The opacity per gram of dust is given, or that
-of Beckwith et al. (1990, AJ 99, 924), 10 cm2/g (nu / 1 THz):
+The intensity is that of optically thin dust at the temperature T of the gas, seen face-on:
 
     I_nu = kappa_nu Sigma_d B_nu(T),    tau = kappa_nu Sigma_d
+
+The opacity per mass of dust kappa_nu is an argument, by default 10 cm2/g (nu / 1 THz), from Beckwith et al. (1990,
+AJ 99, 924).
 """
 
 from __future__ import annotations
@@ -32,7 +34,7 @@ def dust_to_gas(at: Binned) -> Array:
     """dust-to-gas ratio: (Sigma_d + Sigma_s) / Sigma, with small dust"""
     gas = at["gas.surface_density"]
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(at.there("gas") & at.there("dust"), _all_dust(at) / gas, np.nan)
+        return np.where(at.has_enough_mass("gas") & at.has_enough_mass("dust"), _all_dust(at) / gas, np.nan)
 
 
 @base.of_places("", r"optical depth $\tau$", needs=("dust.mass", "physical", "plane"), reads=SMALL, colours="inferno")
@@ -50,6 +52,6 @@ def emission(at: Binned) -> Array:
 
 
 def _all_dust(at: Binned) -> Array:
-    """Return the surface density of dust particles and small dust."""
+    """Return the surface density of all dust in each bin: dust particles, and small dust in gas particles."""
     dust = at["dust.surface_density"]
     return dust if at.snap.gas is None or at.snap.gas.small is None else dust + at["small_dust.surface_density"]
