@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from discsim.run.simulation import Simulation
     from discsim.scene import SceneError, load_scene
 
-_HOMES = {
+_MODULE_OF_NAME = {
     "SceneError": "discsim.scene",
     "Simulation": "discsim.run.simulation",
     "Snapshot": "discsim.output.snapshot",
@@ -25,14 +25,14 @@ _HOMES = {
     "load_scene": "discsim.scene",
     "read_snapshot": "discsim.output.snapshot",
 }
-_MODULES = ("plot",)  # with matplotlib
+_SUBMODULES = ("plot",)  # with matplotlib
 
 
 def __getattr__(name: str) -> Any:
-    # Imported at first use, so that `discsim --help` and `discsim check` do not import numba.
-    if name in _HOMES:
-        return getattr(import_module(_HOMES[name]), name)
-    if name in _MODULES:
+    # Import at first use, so that `discsim --help` and `discsim check` do not import numba.
+    if name in _MODULE_OF_NAME:
+        return getattr(import_module(_MODULE_OF_NAME[name]), name)
+    if name in _SUBMODULES:
         return import_module(f"discsim.{name}")
     raise AttributeError(f"module 'discsim' has no attribute {name!r}")
 

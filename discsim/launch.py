@@ -6,7 +6,8 @@ import os
 
 from discsim.printable import UserError
 
-# Variables with the number of ranks and the rank: MPICH, Intel MPI and Slurm's pmi2; Open MPI; MVAPICH.
+# Names of the variables with the number of ranks and with the rank. First pair: MPICH, Intel MPI and Slurm's pmi2;
+# second: Open MPI; third: MVAPICH.
 LAUNCHERS = (
     ("PMI_SIZE", "PMI_RANK"),
     ("OMPI_COMM_WORLD_SIZE", "OMPI_COMM_WORLD_RANK"),

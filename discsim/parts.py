@@ -1,5 +1,6 @@
-"""Registries of the parts of discsim, by the names that scenes use. A part is imported when its name is looked up.
+"""Registries of the exchangeable parts of discsim: equations of state, drag laws and schemes, starts, effects, fields.
 
+Each registry maps the names that scenes use to Python objects, and imports an object when its name is looked up.
 Other packages add parts as entry points in the groups below; the name of the entry point is the name in scenes.
 
     [project.entry-points."discsim.schemes"]
@@ -22,17 +23,18 @@ class PartError(UserError):
 
 
 @cache
-def of_packages() -> Any:
-    """Return the entry points of all installed packages; the search is made once."""
+def package_entry_points() -> Any:
+    """Return the entry points of all installed packages, from a single search."""
     return entry_points()
 
 
 class Parts(Mapping[str, Any]):
     """Registry of the parts of one kind by name; parts of other packages come last.
 
-    `homes` maps names to "module:object", and `has` lists the attributes that every part must have. Looking up a
-    name imports the module; iteration and `in` import nothing. Raises PartError if a part of another package cannot
-    be imported or lacks an attribute.
+    group: name of the entry points of other packages. homes: where each part is, as "module:object". has: attributes
+    that every part must have.
+    Looking up a name imports the module; iteration and `in` import nothing. Raises PartError if a part of another
+    package cannot be imported or lacks an attribute.
     """
 
     def __init__(self, group: str, homes: Mapping[str, str], has: Sequence[str] = ()) -> None:
@@ -40,9 +42,9 @@ class Parts(Mapping[str, Any]):
 
     @cached_property
     def homes(self) -> dict[str, str]:
-        """Mapping from names to "module:object". Raises PartError if two parts have the same name."""
+        """The location "module:object" of each part by name. Raises PartError if two parts have the same name."""
         found = dict(self._own)
-        for point in of_packages().select(group=self.group):
+        for point in package_entry_points().select(group=self.group):
             if found.get(point.name, point.value) != point.value:
                 raise PartError(
                     f'{self.group}: "{point.name}" is {found[point.name]}, and also {point.value} of another package; '
@@ -52,13 +54,13 @@ class Parts(Mapping[str, Any]):
         return found
 
     def module(self, name: str) -> str:
-        """Return the name of the module with a part."""
+        """Return the name of the module that contains the part `name`."""
         return self.homes[name].partition(":")[0]
 
     def __getitem__(self, name: str) -> Any:
         home = self.homes[name]
         try:
-            found = found_at(home)
+            found = import_object(home)
         except Exception as error:  # another package may raise anything
             if name in self._own:
                 raise
@@ -84,14 +86,14 @@ class Parts(Mapping[str, Any]):
         return len(self.homes)
 
 
-def found_at(home: str) -> Any:
-    """Import and return the object at "module:object"."""
+def import_object(home: str) -> Any:
+    """Import the module of "module:object", and return the object."""
     module, _, attribute = home.partition(":")
     return getattr(import_module(module), attribute)
 
 
 class Lazy:
-    """Proxy of a module that is imported at the first access to an attribute.
+    """Proxy of a module, which is imported at the first access to one of its attributes.
 
         kernels = Lazy("discsim.kernels.move")
 
@@ -114,8 +116,8 @@ class Lazy:
         return Lazy, (self._name,)
 
 
-def command_of_extra(extra: str) -> str:
-    """Return the command that installs an extra of pyproject.toml, for messages (extras: docs/install.md)."""
+def install_command(extra: str) -> str:
+    """Return the command that installs the optional dependencies `extra` (docs/install.md), for messages."""
     return f"pip install -e '.[{extra}]' in a clone of discsim"
 
 
@@ -184,7 +186,7 @@ STARTS = Parts(
     has=("keys", "particles", "rules"),
 )
 
-# Effects: tables of a scene, in the order of a step.
+# Effects by the name of their table in a scene, in the order in which a step calls them.
 EFFECTS = Parts(
     "discsim.effects",
     {
@@ -248,7 +250,7 @@ FIELDS = Parts(
     has=("kind", "species", "values"),
 )
 
-# Gas models; a scene has the first one that fits. Other packages cannot add gas models or integrators.
+# Gas models; a scene uses the first one that fits. Other packages cannot add gas models or integrators.
 MODELS = (
     "discsim.effects.models:GIVEN_DISC",
     "discsim.effects.models:FIXED_CELLS",

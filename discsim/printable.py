@@ -9,7 +9,7 @@ from __future__ import annotations
 
 
 class UserError(Exception):
-    """Base class of errors that the user can correct; the text is one printable line."""
+    """Base class of errors that the user can correct; the message is one printable line."""
 
     def __init__(self, message: str) -> None:
         super().__init__(printable(message))
@@ -21,7 +21,7 @@ def printable(text: object) -> str:
     Parameters
     ----------
     text
-        What is shown of an object, `str(text)`.
+        A text, or an object, which is converted by `str`.
 
     Returns
     -------
@@ -40,7 +40,7 @@ def printable(text: object) -> str:
 
 
 def printable_lines(text: object) -> str:
-    """Escape as `printable`, but keep line breaks: for text with line breaks written by discsim itself."""
+    """Escape a text as in `printable`, but keep its line breaks; for text in which discsim itself set them."""
     return "\n".join(map(printable, str(text).split("\n")))
 
 

@@ -1,6 +1,6 @@
-"""The setups that come with discsim.
+"""The setups (example scenes) that come with discsim.
 
-They are in `setups/` next to this module in an installed package, and in `setups/` of the repository in a clone.
+An installed package has them in `setups/` next to this module, a clone of the repository in `setups/` at its top.
 """
 
 from __future__ import annotations
@@ -14,18 +14,18 @@ from pathlib import Path
 
 from discsim.printable import UserError, printable
 
-HERE = Path(__file__).parent
-PLACES = (HERE / "setups", HERE.parent / "setups")
-_LABEL = re.compile(r"([A-Z][A-Za-z ]*): +(.+)")
+PACKAGE_DIRECTORY = Path(__file__).parent
+SETUP_DIRECTORIES = (PACKAGE_DIRECTORY / "setups", PACKAGE_DIRECTORY.parent / "setups")
+_LABELLED_LINE = re.compile(r"([A-Z][A-Za-z ]*): +(.+)")
 
 
 class ShippedError(UserError):
-    """A name of no setup, or a copy that would replace a file; the message has the details."""
+    """An unknown name of a setup, or a copy that would replace a file; the message has the details."""
 
 
 @dataclass(frozen=True)
 class Setup:
-    """A shipped scene with the notes in the comment at its top."""
+    """A shipped scene file, with the notes from the comment at its top."""
 
     path: Path
 
@@ -39,7 +39,7 @@ class Setup:
 
     @property
     def title(self) -> str:
-        """The scene's title, printable; "" if the file has none or is no valid TOML."""
+        """The printable title of the scene; "" if the file has no title or is not valid TOML."""
         try:
             return printable(tomllib.loads(self.text).get("title", ""))
         except tomllib.TOMLDecodeError:
@@ -47,16 +47,16 @@ class Setup:
 
     @property
     def about(self) -> str:
-        """The first line of the comment at the top."""
+        """The first line of the comment at the top of the file, which describes the scene."""
         return self._comment()[0]
 
     @property
     def notes(self) -> dict[str, str]:
-        """The labelled notes of the comment ("What you will see:", "How long:", "Paper:") by label."""
+        """The labelled notes in the comment at the top, such as "How long: ...", as a dict from label to text."""
         found: dict[str, str] = {}
         label = ""
         for line in self._comment()[1:]:
-            start = _LABEL.fullmatch(line)
+            start = _LABELLED_LINE.fullmatch(line)
             if start:
                 label, found[start[1]] = start[1], start[2]
             elif line and label:
@@ -72,23 +72,23 @@ class Setup:
 
 def setups() -> dict[str, Setup]:
     """Return the shipped setups by name."""
-    folder = next(place for place in PLACES if place.is_dir())
+    folder = next(place for place in SETUP_DIRECTORIES if place.is_dir())
     return {path.stem: Setup(path) for path in sorted(folder.glob("*.toml"))}
 
 
 def setup(name: str) -> Setup:
-    """Return the shipped setup `name`. Raises ShippedError with the nearest name."""
+    """Return the shipped setup `name`. Raises ShippedError, with the nearest name, if there is none."""
     known = setups()
     if name not in known:
-        raise ShippedError(f"{name}: unknown setup{_hint(name, known)}")
+        raise ShippedError(f"{name}: unknown setup{_nearest_hint(name, known)}")
     return known[name]
 
 
 def scene_file(given: Path) -> Path:
-    """Return the scene file for the command-line argument `given`.
+    """Return the scene file that the command-line argument `given` names.
 
-    The candidates are, in this order, the file `given`, and for a bare NAME the file NAME.toml and the shipped setup
-    NAME. Raises ShippedError.
+    The file `given` itself comes first. If `given` is a bare NAME without suffix, the file NAME.toml and then the
+    shipped setup NAME follow. Raises ShippedError if there is none of these.
     """
     if os.path.isfile(given):
         return given
@@ -104,12 +104,15 @@ def scene_file(given: Path) -> Path:
     if given.stem in known:
         raise ShippedError(f"{given}: {expected}; to use the setup of this name, give: {given.stem}")
     if bare:
-        raise ShippedError(f"{given}: {expected}, or the name of a setup{_hint(given.name, known)}")
+        raise ShippedError(f"{given}: {expected}, or the name of a setup{_nearest_hint(given.name, known)}")
     return given
 
 
 def copy_setup(name: str, path: Path) -> None:
-    """Copy the shipped setup `name` to a new file. Raises ShippedError, OSError."""
+    """Copy the shipped setup `name` to the new file `path`.
+
+    Raises ShippedError if the setup is unknown or the file exists, OSError if it cannot be written.
+    """
     content = setup(name).path.read_bytes()
     try:
         file = path.open("xb")
@@ -123,6 +126,6 @@ def copy_setup(name: str, path: Path) -> None:
         raise
 
 
-def _hint(name: str, known: dict[str, Setup]) -> str:
+def _nearest_hint(name: str, known: dict[str, Setup]) -> str:
     near = get_close_matches(name.lower(), known, n=1, cutoff=0.5)
     return f'; did you mean "{near[0]}"?' if near else "; `discsim setups` lists them"

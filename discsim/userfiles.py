@@ -1,4 +1,4 @@
-"""Reading of small files from users or runs: plain files of limited size, with messages for errors.
+"""Reading and copying of plain files from users or runs, with a size limit for text, and messages for errors.
 
 FIFOs and devices are refused before they are opened: reading them could block, or never end.
 """
@@ -14,8 +14,8 @@ from pathlib import Path
 
 from discsim.printable import UserError
 
-LARGEST_TEXT = 2**26  # bytes of a text file, about a history of a million rows
-KINDS = {
+LARGEST_TEXT = 2**26  # largest text file in bytes: about a history of a million rows
+SPECIAL_KINDS = {
     stat.S_IFIFO: "a FIFO",
     stat.S_IFSOCK: "a socket",
     stat.S_IFCHR: "a device",
@@ -23,7 +23,7 @@ KINDS = {
     stat.S_IFDIR: "a directory",
     stat.S_IFLNK: "a symbolic link",
 }
-NO_HANDLES = (errno.EMFILE, errno.ENFILE)
+TOO_MANY_OPEN = (errno.EMFILE, errno.ENFILE)
 
 
 def open_plain(path: str | os.PathLike[str]) -> io.BufferedReader:
@@ -39,10 +39,10 @@ def open_plain(path: str | os.PathLike[str]) -> io.BufferedReader:
     OSError
         The file cannot be opened, or is a directory, FIFO, socket or device.
     """
-    _refuse_odd(os.stat(path).st_mode, path)
+    _refuse_special(os.stat(path).st_mode, path)
     file = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)  # does not block if the path has become a FIFO
     try:
-        _refuse_odd(os.fstat(file).st_mode, path)
+        _refuse_special(os.fstat(file).st_mode, path)
     except OSError:
         os.close(file)
         raise
@@ -50,7 +50,7 @@ def open_plain(path: str | os.PathLike[str]) -> io.BufferedReader:
 
 
 def read_plain(path: str | os.PathLike[str], most: int = LARGEST_TEXT) -> bytes:
-    """Return the bytes of a plain file of at most `most` bytes. Raises OSError."""
+    """Return the content of a plain file. Raises OSError if it cannot be read or has more than `most` bytes."""
     with open_plain(path) as file:
         content = file.read(most + 1)
     if len(content) > most:
@@ -59,8 +59,9 @@ def read_plain(path: str | os.PathLike[str], most: int = LARGEST_TEXT) -> bytes:
 
 
 def read_text(path: str | os.PathLike[str], errors: str = "strict", most: int = LARGEST_TEXT) -> str:
-    """Return the text of a plain UTF-8 file, with Unix line breaks; `errors` is as for `bytes.decode`.
+    """Return the text of a plain UTF-8 file, with Unix line breaks.
 
+    errors: treatment of invalid bytes, as in `bytes.decode`. most: largest size in bytes.
     Raises OSError, UnicodeDecodeError.
     """
     return read_plain(path, most).decode("utf-8", errors).replace("\r\n", "\n")
@@ -84,27 +85,27 @@ def system_message(fault: OSError, verb: str, path: Path | str) -> str:
     fault
         Exception of the system.
     verb
-        Participle of the failed action, like "written".
+        Past participle of the failed action, like "written".
     path
-        File for the message if the exception names none.
+        File to name in the message if the exception names none.
 
     Returns
     -------
     str
         One line without a full stop at the end.
     """
-    if fault.errno in NO_HANDLES:
+    if fault.errno in TOO_MANY_OPEN:
         return "too many open files in this process; expected a higher limit, for example: ulimit -n 1024"
     reason = (fault.strerror or str(fault)).partition("\n")[0]
     return f"{fault.filename or path}: cannot be {verb}: {reason}"
 
 
 def kind_of(mode: int) -> str:
-    """Return the kind of a special file in words, from its mode."""
-    return KINDS.get(stat.S_IFMT(mode), "a file of unknown type")
+    """Return the kind of a special file in words, from its `st_mode`."""
+    return SPECIAL_KINDS.get(stat.S_IFMT(mode), "a file of unknown type")
 
 
-def _refuse_odd(mode: int, path: str | os.PathLike[str]) -> None:
+def _refuse_special(mode: int, path: str | os.PathLike[str]) -> None:
     if stat.S_ISDIR(mode):
         raise IsADirectoryError(errno.EISDIR, "is a directory, not a plain file", str(path))
     if not stat.S_ISREG(mode):

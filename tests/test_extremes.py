@@ -168,14 +168,14 @@ def test_more_memory_than_there_is(tmp_path):
 
 
 def test_memory_of_a_line_and_of_a_grid(monkeypatch):
-    assert list(memory.too_much(load_scene(wave()))) == []
-    (line,) = memory.too_much(load_scene(wave({"particles": 10**10})))
+    assert list(memory.memory_warnings(load_scene(wave()))) == []
+    (line,) = memory.memory_warnings(load_scene(wave({"particles": 10**10})))
     assert "5.59e+03 GiB" in line
     # 65536^2 cells of gravity, with their transforms.
-    (line,) = memory.too_much(load_scene(disc(self_gravity={"softening": 0.1}), ["space.cells=65536"]))
+    (line,) = memory.memory_warnings(load_scene(disc(self_gravity={"softening": 0.1}), ["space.cells=65536"]))
     assert float(line.split("about ")[1].split()[0]) > 200
     monkeypatch.setattr(os, "sysconf", lambda name: 2**20)
-    assert list(memory.too_much(load_scene(wave({"particles": 10**9}))))[0:] == []
+    assert list(memory.memory_warnings(load_scene(wave({"particles": 10**9}))))[0:] == []
 
 
 @pytest.mark.parametrize("amplitude", [0.9, 0.999, -0.99, -0.999999])

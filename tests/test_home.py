@@ -29,7 +29,7 @@ for command in json.loads(sys.argv[1]):
         assert not end.code, command
 assert "XDG_CONFIG_HOME" not in os.environ
 from discsim.preview import stored_runs
-stored_runs.keep("speed", [])
+stored_runs.write_list("speed", [])
 """
 
 SCENE = """

@@ -10,7 +10,7 @@ import environment
 import pytest
 from checkout import EXTRAS, HOME, PROJECT, copy_of_tree, packages_of
 
-from discsim.parts import command_of_extra
+from discsim.parts import install_command
 
 README = (HOME / "README.md").read_text(encoding="utf-8")
 COMMANDS = [line for line in README.splitlines() if ".venv/bin/pip install -e " in line]
@@ -31,14 +31,14 @@ def test_no_page_and_no_message_installs_another_project():
     for path in texts():
         packages = re.findall(r"pip install ['\"]?([\w-]+)", path.read_text(encoding="utf-8"))
         assert "discsim" not in packages or path.name == "install.md", path
-    assert command_of_extra("mpi") == "pip install -e '.[mpi]' in a clone of discsim"
+    assert install_command("mpi") == "pip install -e '.[mpi]' in a clone of discsim"
 
 
 def test_the_page_has_every_extra():
     page = (HOME / "docs/install.md").read_text(encoding="utf-8")
     assert set(re.findall(r"^\| `(\w+)` \|", page, re.M)) == set(EXTRAS)
     named = {
-        extra for path in texts() for extra in re.findall(r"command_of_extra\(\W(\w+)\W\)", path.read_text("utf-8"))
+        extra for path in texts() for extra in re.findall(r"install_command\(\W(\w+)\W\)", path.read_text("utf-8"))
     }
     assert named and named <= set(EXTRAS)
 

@@ -82,7 +82,7 @@ def test_notes_go_on_over_lines_and_end_at_an_empty_one(work):
 def test_scenes_that_somebody_left_among_them_are_listed_too(work, monkeypatch):
     (work / "mine.toml").write_text("title = 'Mine'\n")
     (work / "wrong.toml").write_text("# Half-made.\ntitle = \n")
-    monkeypatch.setattr(shipped, "PLACES", (work,))
+    monkeypatch.setattr(shipped, "SETUP_DIRECTORIES", (work,))
     assert command("setups").stdout.split() == ["mine", "Mine", "wrong", "Half-made."]
 
 

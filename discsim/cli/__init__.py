@@ -8,7 +8,7 @@ import sys
 from typing import Any
 
 from discsim.cli import process
-from discsim.cli.base import NOT_WRITTEN, WRONG_INPUT, app, refuse
+from discsim.cli.base import NOT_WRITTEN, WRONG_INPUT, app, fail
 from discsim.printable import UserError
 from discsim.userfiles import system_message
 
@@ -28,25 +28,25 @@ def main() -> None:
     except SystemExit as end:
         status = end.code
     except UserError as error:
-        status = _refused(str(error))
+        status = _print_error(str(error))
     except OSError as fault:
-        status = _refused(system_message(fault, "read or written", "a file"), NOT_WRITTEN)
-    lost = _unwritten()
-    if lost is not None and lost.errno != errno.EPIPE and not status:
-        status = _refused(system_message(lost, "written", "standard output"), NOT_WRITTEN)
+        status = _print_error(system_message(fault, "read or written", "a file"), NOT_WRITTEN)
+    flush_error = _flush_output()
+    if flush_error is not None and flush_error.errno != errno.EPIPE and not status:
+        status = _print_error(system_message(flush_error, "written", "standard output"), NOT_WRITTEN)
     raise SystemExit(status)
 
 
-def _refused(message: str, status: int = WRONG_INPUT) -> Any:
-    """Print a message; return the exit status."""
+def _print_error(message: str, status: int = WRONG_INPUT) -> Any:
+    """Print an error message, and return the exit status of the process."""
     try:
-        refuse(message, status)
+        fail(message, status)
     except SystemExit as end:
         return end.code
 
 
-def _unwritten() -> OSError | None:
-    """Flush standard output; return the OSError if that fails (EPIPE for a closed pipe).
+def _flush_output() -> OSError | None:
+    """Flush standard output. Return the OSError of a failure, such as EPIPE for a closed pipe, else None.
 
     After a failure standard output is redirected to the null device, so that Python does not flush it again.
     """

@@ -1,4 +1,4 @@
-"""Shared parts of the commands: the app, error messages, common options, and loading of the scene."""
+"""Code that all commands share: the typer app, error messages, common options, and loading of the scene."""
 
 from __future__ import annotations
 
@@ -28,32 +28,32 @@ app = typer.Typer(
 )
 
 
-def refuse(message: str, status: int = WRONG_INPUT) -> NoReturn:
-    """Print an error message on standard error, on the first MPI rank only, and exit."""
+def fail(message: str, status: int = WRONG_INPUT) -> NoReturn:
+    """Print an error message on standard error, and exit with `status`. Of several MPI ranks, only the first prints."""
     try:
-        leads = size_and_rank()[1] == 0  # all MPI ranks find the same fault: the first one prints it
+        is_first_rank = size_and_rank()[1] == 0  # all MPI ranks find the same error, and only the first prints it
     except LaunchError:
-        leads = True
-    if leads:
+        is_first_rank = True
+    if is_first_rank:
         print(printable_lines(message), file=sys.stderr)
     raise SystemExit(status)
 
 
-def tell(text: object) -> None:
+def show(text: object) -> None:
     """Print lines on standard output. Raises BrokenPipeError if the reader of the pipe is gone."""
     try:
         typer.echo(printable_lines(text))
     except BrokenPipeError:
         raise
     except OSError as fault:
-        refuse(system_message(fault, "written", "standard output"), NOT_WRITTEN)
+        fail(system_message(fault, "written", "standard output"), NOT_WRITTEN)
 
 
 def _scene_file(given: Path) -> Path:
     try:
         return shipped.scene_file(given)
     except shipped.ShippedError as error:
-        refuse(str(error))
+        fail(str(error))
 
 
 SceneArgument = Annotated[
@@ -75,28 +75,31 @@ VaryOption = Annotated[
 ]
 
 
-def _version(wanted: bool) -> None:
-    if wanted:
+def _print_version(is_requested: bool) -> None:
+    if is_requested:
         from discsim.version import __version__
 
-        tell(f"discsim {__version__}")
+        show(f"discsim {__version__}")
         raise typer.Exit
 
 
 @app.callback()
 def _discsim(
     version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
     ] = False,
 ) -> None:
     pass
 
 
 def load(path: Path, overrides: Sequence[str], without: Sequence[str]) -> Scene:
-    """Return the validated scene, or print its faults and exit."""
+    """Return the validated scene of a file; if it has faults, print them and exit.
+
+    overrides, without: values of the options --set and --without.
+    """
     from discsim.scene import SceneError, load_scene
 
     try:
         return load_scene(path, overrides, without)
     except SceneError as error:
-        refuse(str(error))
+        fail(str(error))

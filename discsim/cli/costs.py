@@ -9,11 +9,11 @@ from typing import Annotated
 
 import typer
 
-from discsim.cli.base import INTERRUPTED, SceneArgument, SetOption, VaryOption, WithoutOption, app, load, refuse
+from discsim.cli.base import INTERRUPTED, SceneArgument, SetOption, VaryOption, WithoutOption, app, fail, load
 from discsim.printable import printable
 from discsim.run.directory import DirectoryError, directory_fault, held
 
-NOT_REACHED = 4
+ERROR_NOT_REACHED = 4
 
 ReferenceOption = Annotated[
     list[str] | None,
@@ -70,7 +70,7 @@ def cost(
         varied = [Varied.from_text(text) for text in vary or ()]
         make: Callable[[], bool]
         if error is None:
-            _refuse_without_error(vary, {"--measure": measure, "--reference": reference, "--keep": keep})
+            _refuse_search_options(vary, {"--measure": measure, "--reference": reference, "--keep": keep})
             from discsim.study.cost import Study
 
             make = partial(Study(scene, varied, repeat or 1, directory, *changed).make, title, parallel)
@@ -81,20 +81,20 @@ def cost(
             make = partial(Cheapest(scene, directory, search, *changed).make, title)
         fault = directory_fault(directory, resume=False)
         if fault:
-            refuse(fault)
+            fail(fault)
         with held(directory):
             reached = make()
     except (SceneError, StudyError, DirectoryError) as wrong:
-        refuse(str(wrong))
+        fail(str(wrong))
     except KeyboardInterrupt:
-        refuse(f"interrupted; repeat the command to continue with the runs in {directory}", INTERRUPTED)
+        fail(f"interrupted; repeat the command to continue with the runs in {directory}", INTERRUPTED)
     if not reached:
-        raise SystemExit(NOT_REACHED)
+        raise SystemExit(ERROR_NOT_REACHED)
 
 
-def _refuse_without_error(vary: list[str] | None, given: Mapping[str, object]) -> None:
+def _refuse_search_options(vary: list[str] | None, given: Mapping[str, object]) -> None:
     if not vary:
-        refuse("nothing to do; expected --error 1% for the cheapest setting, or --vary with values of a key")
+        fail("nothing to do; expected --error 1% for the cheapest setting, or --vary with values of a key")
     for name, value in given.items():
         if value:
-            refuse(f"{name}: used only with --error; expected --error too, or no {name}")
+            fail(f"{name}: used only with --error; expected --error too, or no {name}")

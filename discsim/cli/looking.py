@@ -1,4 +1,4 @@
-"""Commands for finished or running runs: pages, figures and films."""
+"""Commands that show the results of a run, finished or not: `report`, `plot` and `movie`."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from discsim.cli.base import INTERRUPTED, NOT_WRITTEN, app, refuse, tell
+from discsim.cli.base import INTERRUPTED, NOT_WRITTEN, app, fail, show
 from discsim.userfiles import system_message
 
 WindowOption = Annotated[
@@ -44,10 +44,10 @@ def report(
     try:
         write_report(directory, path)
     except (ReportError, SceneError, SnapshotError, StudyError) as wrong:
-        refuse(str(wrong))
+        fail(str(wrong))
     except OSError as error:
-        refuse(system_message(error, "read or written", path), NOT_WRITTEN)
-    tell(f"{path}: report of the run in {directory}")
+        fail(system_message(error, "read or written", path), NOT_WRITTEN)
+    show(f"{path}: report of the run in {directory}")
 
 
 @app.command()
@@ -86,12 +86,12 @@ def plot(
     if fields:
         from discsim.output.fields.names import table
 
-        tell(table())
+        show(table())
         return
     kinds = {"--profile": profile, "--polar": polar, "--time": time, "--against": against is not None}
     given = [name for name, there in kinds.items() if there]
     if not sources or len(given) > 1:
-        refuse(
+        fail(
             "no run to draw; expected DIR or FILE"
             if not sources
             else f"{' and '.join(given)}: expected only one of them"
@@ -115,7 +115,7 @@ def plot(
         save(request.figure, where)
         return where
 
-    tell(_drawn(make))
+    show(_draw_or_exit(make))
 
 
 @app.command()
@@ -141,42 +141,42 @@ def movie(
         look = look_of(window, limits, distance, wavelength, opacity, prefix="--")
         film = Film(source, field.split(",") if field else (), "polar" if polar else "map", rate, look)
         where = output or default_path(film)
-        film.save(where, _frames())
+        film.save(where, _progress_reporter())
         return where
 
-    tell(_drawn(make))
+    show(_draw_or_exit(make))
 
 
-def _frames() -> Callable[[int, int], None]:
+def _progress_reporter() -> Callable[[int, int], None]:
     """Return a function that reports the progress of a film on standard error.
 
     On a terminal it rewrites one line per frame; otherwise it prints a line every LINE_EVERY seconds.
     """
     from discsim.run.progress import LINE_EVERY
 
-    due = time.monotonic()
+    next_report = time.monotonic()
 
-    def say(done: int, of: int) -> None:
-        nonlocal due
+    def report_frame(done: int, of: int) -> None:
+        nonlocal next_report
         if sys.stderr.isatty():
             print(f"\rframe {done} of {of}", end="\n" if done == of else "", file=sys.stderr, flush=True)
-        elif time.monotonic() >= due or done == of:
-            due = time.monotonic() + LINE_EVERY
+        elif time.monotonic() >= next_report or done == of:
+            next_report = time.monotonic() + LINE_EVERY
             print(f"frame {done} of {of}", file=sys.stderr, flush=True)
 
-    return say
+    return report_frame
 
 
-def _drawn(make: Callable[[], Path]) -> Path:
-    """Return the path of the figure or film that `make` writes; its errors become messages and exit statuses."""
+def _draw_or_exit(make: Callable[[], Path]) -> Path:
+    """Call `make`, which writes a figure or film, and return the path. On an error, print a message and exit."""
     from discsim.output.fields.base import FieldError, PlotError
     from discsim.output.snapshot import SnapshotError
 
     try:
         return make()
     except (FieldError, PlotError, SnapshotError) as wrong:
-        refuse(str(wrong))
+        fail(str(wrong))
     except OSError as error:
-        refuse(system_message(error, "written", "the figure"), NOT_WRITTEN)
+        fail(system_message(error, "written", "the figure"), NOT_WRITTEN)
     except KeyboardInterrupt:
-        refuse("interrupted; no file was written", INTERRUPTED)
+        fail("interrupted; no file was written", INTERRUPTED)

@@ -1,7 +1,8 @@
-"""Settings of Python and of the C library for the process of a command. Importing discsim changes neither.
+"""Settings of Python and of the C library for the process of a command. Importing discsim does not change them.
 
-`collect_rarely`: imports and compilation create many long-lived objects. Scanning them repeatedly takes 10% of a
-warm start and 8% of a cold one. The objects that a step creates are freed without the garbage collector.
+`collect_rarely`: imports and compilation create many long-lived objects. Without this setting, the garbage collector
+scans them repeatedly, for 10% of a start with cached kernels and 8% of a start with compilation. The objects that a
+step creates are freed without the garbage collector.
 
 `keep_freed`: freed memory of arrays stays with the process, for the next arrays. By default glibc returns arrays
 above 32 MB to the system as soon as they are freed. Each step allocates arrays of the same sizes again, and the
@@ -18,21 +19,21 @@ import sys
 
 TRIM_THRESHOLD, MMAP_MAX, ARENA_MAX = -1, -4, -8  # parameters of mallopt (malloc.h)
 # Environment variables with the user's own settings of malloc.
-TOLD = (
+USER_SETTINGS = (
     "MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_", "MALLOC_MMAP_MAX_", "MALLOC_TOP_PAD_", "MALLOC_ARENA_MAX",
     "MALLOC_ARENA_TEST",
 )  # fmt: skip
 
 
 def collect_rarely() -> None:
-    """Run the garbage collector rarely, and not at the end of the process."""
+    """Make the garbage collector run rarely, and not at the end of the process."""
     gc.set_threshold(100_000, 20, 100)
     atexit.register(gc.freeze)
 
 
 def keep_freed() -> None:
-    """Make glibc's malloc keep freed memory; without glibc nothing changes."""
-    if any(name in os.environ for name in TOLD) or "glibc.malloc" in os.environ.get("GLIBC_TUNABLES", ""):
+    """Make glibc's malloc keep freed memory. Do nothing without glibc, or if the user has set malloc's parameters."""
+    if any(name in os.environ for name in USER_SETTINGS) or "glibc.malloc" in os.environ.get("GLIBC_TUNABLES", ""):
         return
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None) if sys.platform == "linux" else None
     if mallopt is not None:

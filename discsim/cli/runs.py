@@ -15,12 +15,12 @@ from discsim.cli.base import (
     VaryOption,
     WithoutOption,
     app,
+    fail,
     load,
-    refuse,
-    tell,
+    show,
 )
 from discsim.launch import size_and_rank
-from discsim.parts import command_of_extra
+from discsim.parts import install_command
 from discsim.printable import printable
 from discsim.run.directory import DirectoryError, directory_fault, held
 from discsim.userfiles import system_message
@@ -54,21 +54,21 @@ def run(
     loaded = load(scene, overrides, without or ())
     directory = output or Path("runs") / scene.stem
     if size_and_rank()[0] > 1:
-        raise SystemExit(_on_ranks(loaded, directory, resume, quiet))
+        raise SystemExit(_run_on_mpi(loaded, directory, resume, quiet))
     fault = directory_fault(directory, resume)
     if fault:
-        refuse(fault)
+        fail(fault)
     from discsim.run.runner import run_scene
 
     raise SystemExit(run_scene(loaded, directory, resume=resume, quiet=quiet))
 
 
-def _on_ranks(scene: Scene, directory: Path, resume: bool, quiet: bool) -> int:
-    """Run the scene on MPI ranks; return the exit status."""
+def _run_on_mpi(scene: Scene, directory: Path, resume: bool, quiet: bool) -> int:
+    """Run the scene on MPI ranks, and return the exit status of the process."""
     try:
         import mpi4py  # noqa: F401
     except ImportError:
-        refuse(f"started as several MPI ranks, but mpi4py is not installed; expected {command_of_extra('mpi')}")
+        fail(f"started as several MPI ranks, but mpi4py is not installed; expected {install_command('mpi')}")
     from discsim.ranks.run import run_on_ranks
 
     return run_on_ranks(scene, directory, resume, quiet)
@@ -99,17 +99,17 @@ def branch(
         ends = [] if until is None else [Option("--until", "run.until", until)]
         made = branch_of(directory, at, [*(settings or ()), *ends], without or ())
     except (BranchError, SceneError) as error:
-        refuse(str(error))
+        fail(str(error))
     into = output or directory.parent / f"{directory.resolve().name}-{made.snapshot.stem}"
     fault = None if preview else directory_fault(into, resume=False)
     if fault:
-        refuse(fault)
+        fail(fault)
     if preview or not quiet:
-        tell(made.words)
+        show(made.words)
     if preview:
         from discsim.preview.check import report
 
-        tell(f"\n{report(made.scene)}")
+        show(f"\n{report(made.scene)}")
         return
     from discsim.run.runner import run_scene
 
@@ -134,7 +134,7 @@ def sweep(
     """Run a scene with every combination of some values. A table and a figure compare the results."""
     loaded = load(scene, settings or (), without or ())
     if not vary:
-        refuse("nothing to vary; expected --vary with values of a key, like --vary dust.ratio=0.01,0.1")
+        fail("nothing to vary; expected --vary with values of a key, like --vary dust.ratio=0.01,0.1")
     from rich.console import Console
 
     from discsim.output.snapshot import SnapshotError
@@ -145,7 +145,7 @@ def sweep(
     directory = output or Path("runs") / f"{scene.stem}-sweep"
     fault = directory_fault(directory, resume=False)
     if fault:
-        refuse(fault)
+        fail(fault)
     console = Console(markup=False, highlight=False, emoji=False, soft_wrap=True)
     try:
         varied = [Varied.from_text(text) for text in vary]
@@ -153,10 +153,10 @@ def sweep(
         with held(directory):
             made.make(loaded.title or printable(scene), parallel, console)
     except (SceneError, StudyError, DirectoryError, SnapshotError) as wrong:
-        refuse(str(wrong))
+        fail(str(wrong))
     except RunError as failed:
         raise SystemExit(failed.status) from None
     except OSError as error:
-        refuse(system_message(error, "read or written", directory), NOT_WRITTEN)
+        fail(system_message(error, "read or written", directory), NOT_WRITTEN)
     except KeyboardInterrupt:
-        refuse(f"interrupted; repeat the command to continue with the runs in {directory}", INTERRUPTED)
+        fail(f"interrupted; repeat the command to continue with the runs in {directory}", INTERRUPTED)

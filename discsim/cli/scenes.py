@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from discsim.cli.base import NOT_WRITTEN, SceneArgument, SetOption, WithoutOption, app, load, refuse, tell
+from discsim.cli.base import NOT_WRITTEN, SceneArgument, SetOption, WithoutOption, app, fail, load, show
 from discsim.shipped import ShippedError, copy_setup
 from discsim.shipped import setups as shipped_setups
 from discsim.userfiles import system_message
@@ -19,7 +19,7 @@ def check(scene: SceneArgument, settings: SetOption = None, without: WithoutOpti
     loaded = load(scene, settings or (), without or ())
     from discsim.preview.check import report
 
-    tell(report(loaded))
+    show(report(loaded))
 
 
 @app.command()
@@ -27,7 +27,7 @@ def setups() -> None:
     """List the setups that come with discsim. Each has its name, title, subject and duration."""
     for each in shipped_setups().values():
         takes = each.notes.get("How long", "").partition(",")[0].rstrip(".")
-        tell(f"{each.name:<18} {each.title}{f' ({takes})' if takes else ''}\n{'':<18} {each.about}".rstrip())
+        show(f"{each.name:<18} {each.title}{f' ({takes})' if takes else ''}\n{'':<18} {each.about}".rstrip())
 
 
 @app.command()
@@ -42,10 +42,10 @@ def new(
     try:
         copy_setup(name, path)
     except ShippedError as error:
-        refuse(str(error))
+        fail(str(error))
     except OSError as error:
-        refuse(system_message(error, "written", path), NOT_WRITTEN)
-    tell(f"{path}: copy of the setup {name}; run it with: discsim run {path}")
+        fail(system_message(error, "written", path), NOT_WRITTEN)
+    show(f"{path}: copy of the setup {name}; run it with: discsim run {path}")
 
 
 @app.command()
@@ -57,6 +57,6 @@ def effects(
     from discsim.printable import UserError
 
     try:
-        tell(effects_text(name))
+        show(effects_text(name))
     except UserError as wrong:
-        refuse(str(wrong))
+        fail(str(wrong))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from discsim.parts import EFFECTS, Lazy, found_at
+from discsim.parts import EFFECTS, Lazy, import_object
 
 if TYPE_CHECKING:
     from discsim.effects.base import Effect
@@ -17,7 +17,7 @@ grids = Lazy("discsim.numerics.grid")
 def effect_classes(scene: Scene) -> dict[str, type[Effect]]:
     """Return the effect classes that run in a scene, by the names of their tables, in the order of a step."""
     others = scene.model.stand_ins
-    found = {name: found_at(others[name]) if name in others else EFFECTS[name] for name in scene.named}
+    found = {name: import_object(others[name]) if name in others else EFFECTS[name] for name in scene.named}
     return {name: effect for name, effect in found.items() if not effect.role.table_only}
 
 

@@ -1,8 +1,8 @@
-"""Initial conditions, one module each, and the conversion of their arrays into a `State`.
+"""Initial conditions ("starts"), one module each, and the conversion of their arrays into a `State`.
 
-Each start defines `particles(scene)` and may set velocities once forces are known. `particles` returns a dict of
-arrays for each species: pos, vel (n, dimensions), mass (n,) and, optionally, density (n,) (a first guess for h),
-u (n,), species and immobile (n,).
+Each start defines a function `particles(scene)`, and may define a function `settle` that sets velocities once forces
+are known. `particles` returns a dict of arrays for each species: pos, vel (n, dimensions), mass (n,) and, optionally,
+density (n,) (a first guess for h), u (n,), species (n,) (index of the dust population) and immobile (n,).
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ SPECIES = ("gas", "dust")
 
 
 def random_stream(scene: Scene, species: str) -> np.random.Generator:
-    """Return a random generator of its own for a species, so that adding dust does not move the gas."""
+    """Return the random generator of a species. Each species has its own, so that adding dust does not move the gas."""
     return np.random.default_rng([scene.run.seed, SPECIES.index(species)])
 
 
@@ -42,15 +42,15 @@ def start_time(scene: Scene) -> float:
 
 
 def make_particles(scene: Scene) -> Given:
-    """Return the arrays of the scene's initial condition by species.
+    """Return the particle arrays of the scene's initial condition, as {species: {name: array}}.
 
-    Raises ValueError if the scene's numbers give no particles.
+    Raises ValueError if no particles can be made from the numbers in the scene.
     """
     if scene.model.cells:
         from discsim.initial import cells
 
         return cells.particles(scene)
-    given = _sized(scene, start_of(scene).particles(scene))
+    given = _with_grain_sizes(scene, start_of(scene).particles(scene))
     if scene.table("growth") is None:
         return given
     from discsim.initial.small import move_small_dust
@@ -58,8 +58,11 @@ def make_particles(scene: Scene) -> Given:
     return move_small_dust(scene, given)
 
 
-def _sized(scene: Scene, given: Given) -> Given:
-    """Add sizes of dust grains, and weight masses by size, if a population has many sizes and the start sets none."""
+def _with_grain_sizes(scene: Scene, given: Given) -> Given:
+    """Return `given` with grain sizes and the matching masses of dust particles added.
+
+    Return `given` unchanged if no population has a size distribution, or if the start sets sizes itself.
+    """
     dust = given.get("dust")
     if dust is None or "size" in dust or not any(map(has_sizes, scene.dust or ())):
         return given
@@ -72,20 +75,23 @@ def _sized(scene: Scene, given: Given) -> Given:
 
 
 def joined(parts: Sequence[dict[str, Any]]) -> dict[str, np.ndarray]:
-    """Concatenate the arrays of several groups of particles."""
+    """Return the arrays of several groups of particles, concatenated by name."""
     return {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
 
 
 def populations(scene: Scene, make: Callable[[Any], dict[str, Any]]) -> dict[str, np.ndarray]:
-    """Concatenate the arrays `make(population)` of all dust populations, and add their indices as `species` (n,)."""
+    """Return the arrays of all dust populations, concatenated, with the index of the population as `species` (n,).
+
+    make: function that returns the arrays of one population.
+    """
     parts = [make(population) for population in scene.dust or ()]
     return joined([part | {"species": np.full(len(part["mass"]), number)} for number, part in enumerate(parts)])
 
 
 def make_state(scene: Scene, given: Given) -> State:
-    """Return a State with copies of the arrays `given` by species.
+    """Return a State with copies of the particle arrays `given`, {species: {name: array}}.
 
-    Raises ValueError if an array is not finite, or a mass is not positive.
+    Raises ValueError if a position, velocity or mass is not finite, or if a mass is not positive.
     """
     gas = _make_gas(scene, given["gas"]) if "gas" in given else None
     dust = None
@@ -96,7 +102,7 @@ def make_state(scene: Scene, given: Given) -> State:
         if size is None and scene.table("growth") is not None:
             size = np.full(len(species), scene.dust[0].grain_size)
         dust = Dust(
-            **_common("dust", arrays, gas.count if gas is not None else 0),
+            **_common_arrays("dust", arrays, gas.count if gas is not None else 0),
             species=species,
             size=size,
             immobile=arrays.get("immobile"),
@@ -104,7 +110,7 @@ def make_state(scene: Scene, given: Given) -> State:
     return State(scene, gas, dust, None)
 
 
-def _common(name: str, given: dict[str, Any], first_id: int) -> dict[str, np.ndarray]:
+def _common_arrays(name: str, given: dict[str, Any], first_id: int) -> dict[str, np.ndarray]:
     arrays = {key: np.array(given[key], float, order="C") for key in ("pos", "vel", "mass")}  # kernels need C order
     if not all(np.isfinite(array).all() for array in arrays.values()) or arrays["mass"].min() <= 0.0:
         raise ValueError(
@@ -119,7 +125,7 @@ def _common(name: str, given: dict[str, Any], first_id: int) -> dict[str, np.nda
 def _make_gas(scene: Scene, given: dict[str, Any]) -> Gas:
     from discsim.physics.eos import eos_of, initial_energy, radius
 
-    common = _common("gas", given, 0)
+    common = _common_arrays("gas", given, 0)
     n, dim = common["pos"].shape
     u = given.get("u")
     small = None

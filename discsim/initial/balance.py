@@ -1,12 +1,12 @@
 """Local equilibrium of a disc: velocities of gas and dust that balance the forces on them.
 
-Gas: v_phi^2 / r = g(r) + (1/Sigma) dP/dr, with g(r) the mean inward pull of star, companions and self-gravity at r.
-With [alpha_viscosity], v_r is the flow that the viscosity drives.
+Gas: v_phi^2 / r = g(r) + (1/Sigma) dP/dr. g(r) is the inward acceleration by star, companions and self-gravity at r,
+averaged over azimuth. With [alpha_viscosity], v_r is the flow that the viscosity drives.
 
-Dust with drag: the steady drift of Nakagawa, Sekiya & Hayashi (1986) about that circle of the gas (eqs. 9 and 10 of
-`exact/nsh.py`), for the local Stokes numbers and dust-to-gas ratios of all populations. With two-way drag the gas
-drifts too; one-way dust has the drift for a ratio of zero.
-Dust without drag, or with `initial.dust_velocity` "balance": circles, v_phi^2 / r = g(r).
+Dust with drag: the steady drift of Nakagawa, Sekiya & Hayashi (1986) about circular orbits of the gas (eqs. 9 and 10
+of `exact/nsh.py`), for the local Stokes numbers and dust-to-gas ratios of all populations. With two-way drag the gas
+drifts too. With one-way drag, the drift of dust is that for a dust-to-gas ratio of zero.
+Dust without drag, or with `initial.dust_velocity` "balance": circular orbits, v_phi^2 / r = g(r).
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ if TYPE_CHECKING:
 companions = Lazy("discsim.physics.companions")
 growth = Lazy("discsim.physics.growth")
 viscosity = Lazy("discsim.physics.viscosity")
-MOST_ORBITS = 1000.0  # upper bound of initial.relax
-SLOW = 1.0  # upper bound of a viscous flow, in sound speeds
+MAX_ORBITS = 1000.0  # upper bound of initial.relax
+MAX_MACH = 1.0  # largest radial velocity of a viscous flow, in sound speeds
 Array = np.ndarray
-KINDS = 32  # sizes that represent a continuous distribution: enough for the sums over it
-PIECE = 1 << 17  # particles per chunk: velocities need temporary arrays of many times the memory of positions
-RING = 32  # least number of particles in a ring that is averaged
+SIZE_SAMPLES = 32  # number of grain sizes that represent a continuous size distribution in sums
+CHUNK = 1 << 17  # particles per chunk: velocities need temporary arrays of many times the memory of positions
+MIN_RING_PARTICLES = 32  # smallest number of particles in a ring whose velocities are averaged
 
 
 class Settled(Table):
@@ -53,7 +53,7 @@ class Settled(Table):
     relax: Orbits = Field(
         0.0,
         ge=0,
-        le=MOST_ORBITS,
+        le=MAX_ORBITS,
         description="orbits at reference_radius of damped relaxation of the gas before t = 0",
     )
 
@@ -85,13 +85,14 @@ class Balance:
     def velocities(
         self, name: str, pos: Array, species: Array | None, size: Array | None = None
     ) -> tuple[Array, Array]:
-        """Return radial and azimuthal velocity (n,) of gas, or of dust of populations `species` (n,), at `pos` (n, 2).
+        """Return the radial and the azimuthal velocity (n,) of gas or dust at positions `pos` (n, 2).
 
-        size: radii (n,) of grains with individual sizes; None: the mean size of each population.
+        name: "gas" or "dust". species (n,): index of the population of each dust particle; None for gas. size (n,):
+        grain radii; None: the mean size of each population.
         """
         scene = self.scene
         r = np.sqrt((pos**2).sum(axis=1))
-        # No rotation balances gravity that points outwards; `settle` refuses discs with much of that.
+        # No rotation balances gravity that points outwards. `settle` refuses discs with much mass in such places.
         keplerian = np.sqrt(np.maximum(self.gravity(r) * r, 1e-300))
         radial, lag = np.zeros(len(r)), np.zeros(len(r))
         if scene.model.given is not None:
@@ -102,7 +103,7 @@ class Balance:
         elif scene.gas is not None:
             disc = profile.radial(scene)
             headwind = 0.5 * disc.pressure_acceleration(r) * r / keplerian  # eta v_K
-            if self.laden:  # pressure is the gas's alone, but accelerates the small dust with it
+            if self.laden:  # only gas has pressure, which accelerates gas and small dust together
                 headwind = headwind / (1.0 + growth.small_at(scene, r, disc.dust_share))
             headwind[keplerian <= 1e-100] = 0.0
             if self.drifts and (name == "dust" or scene.drag.direction == "two-way"):
@@ -115,7 +116,7 @@ class Balance:
         return radial, keplerian + lag
 
     def without_drag(self, pos: Array) -> tuple[Array, Array]:
-        """Return the `velocities` of gas without drag by dust."""
+        """Return the radial and the azimuthal velocity (n,) of gas at `pos` (n, 2), without drag by dust."""
         drifts, self.drifts = self.drifts, False
         try:
             return self.velocities("gas", pos, None)
@@ -125,9 +126,13 @@ class Balance:
     def _drift(
         self, disc: profile.Radial, species: Array | None, r: Array, omega: Array, headwind: Array, size: Array | None
     ) -> tuple[Array, Array]:
-        """Return the steady radial and azimuthal velocity (n,) of dust relative to Keplerian; species None: of gas."""
-        # A few sizes with mass represent each population in the back-reaction. The grains in question are added as
-        # one more kind, without mass.
+        """Return the steady radial and azimuthal drift (n,) of dust relative to Keplerian rotation.
+
+        species (n,): index of the population of each dust particle; None: return the drift of gas. r, omega, headwind
+        (n,): radius, Keplerian frequency and eta v_K. size (n,): grain radii, as in `velocities`.
+        """
+        # In the back-reaction, a few sizes with mass represent each population. The dust whose drift is returned is
+        # added as one more kind, without mass.
         scene, drag = self.scene, self.effects["drag"]
         density = disc.surface_density(r)
         sound = profile.thermal_speed(scene, r, density)
@@ -142,7 +147,7 @@ class Balance:
             if self.laden:
                 small = growth.small_at(scene, r, disc.dust_share)
                 load = (load - small) / (1.0 + small)
-            for over_typical, share in _kinds(population):
+            for over_typical, share in _representative_sizes(population):
                 kinds.append(over_typical * typical[k])
                 loads.append(share * load)
                 pushed.append(None if push is None else push[k])
@@ -160,32 +165,34 @@ class Balance:
         return found.dust_radial[-1], found.dust_azimuthal[-1]
 
 
-def _kinds(population: Any) -> Iterator[tuple[float, float]]:
-    """Yield, for each representative size of a population, its stopping time over that of the mean size, and its share
-    of the mass.
+def _representative_sizes(population: Any) -> Iterator[tuple[float, float]]:
+    """Yield (relative stopping time, mass fraction) for each of the sizes that represent a population.
+
+    The stopping time is relative to that of the mean size.
     """
     if not has_sizes(population):
         return iter([(1.0, 1.0)])
-    size, weight = sizes_of(population, population.grain_size.bins or KINDS)
+    size, weight = sizes_of(population, population.grain_size.bins or SIZE_SAMPLES)
     return zip(size / typical_size(population), weight / weight.sum(), strict=True)
 
 
 def gas_alone(scene: Scene) -> Scene:
-    """Return the scene with its gas alone, which star, companions, pressure and viscosity move."""
+    """Return the scene reduced to gas that only star, companions, pressure and viscosity accelerate."""
     gone = dict.fromkeys(("dust", "drag", "cooling", "self_gravity", "damping"))
     if scene.table("growth") is not None:
-        gone.pop("drag")  # its direction decides whether small dust is a part of the gas's mass
+        gone.pop("drag")  # the direction of drag decides whether gas particles include the mass of small dust
     return scene.model_copy(update={**gone, "gas": scene.gas.model_copy(update={"conductivity": None})})
 
 
 def settle(state: State, effects: dict[str, Any]) -> None:
-    """Set the velocities of gas and dust to balance the forces of `effects`.
+    """Set the velocities of gas and dust so that they balance the forces of `effects`.
 
-    Raises ValueError if more than `support.MOST` of a species has no rotation in balance.
+    Raises ValueError if no rotation balances the forces on more than the mass fraction `support.MAX_FALLING` of a
+    species.
     """
     found = Balance(state, effects)
-    # The mean pull of companions is tabulated over the radii of a call: all particles have to be in one call.
-    most = PIECE if state.scene.table("companion") is None else np.iinfo(np.int64).max
+    # The mean pull of companions is tabulated over the radii of one call, so all particles have to be in one call.
+    most = CHUNK if state.scene.table("companion") is None else np.iinfo(np.int64).max
     for name, particles in state.species.items():
         own = getattr(particles, "species", None), getattr(particles, "size", None)
         for first in range(0, particles.count, most):
@@ -196,22 +203,25 @@ def settle(state: State, effects: dict[str, Any]) -> None:
             across = np.stack([-direction[:, 1], direction[:, 0]], axis=1)
             particles.vel[piece] = radial[:, None] * direction + azimuthal[:, None] * across
         if state.scene.model.given is None:
-            _refuse_falling(found, name, particles)
+            _refuse_unbound(found, name, particles)
 
 
 def faults(scene: Scene) -> Iterator[Problem]:
-    """Yield problems that keep the disc of a scene from rotating in balance."""
+    """Yield a problem if the disc of a scene cannot rotate in balance."""
     yield from support.faults(scene)
 
 
-def _refuse_falling(found: Balance, name: str, particles: Any) -> None:
-    """Raise ValueError if more than `support.MOST` of a species' mass has no rotation in balance with all forces."""
+def _refuse_unbound(found: Balance, name: str, particles: Any) -> None:
+    """Raise ValueError if no rotation balances the forces on too much of the mass of `particles`.
+
+    At most the mass fraction `support.MAX_FALLING` is allowed. name: name of the species, for the message.
+    """
     r = np.sqrt((particles.pos**2).sum(axis=1))
     pull = found.gravity(r)
     turning = (particles.pos[:, 0] * particles.vel[:, 1] - particles.pos[:, 1] * particles.vel[:, 0]) / r
     falling = turning <= 2.0 * nsh.SLOWEST * np.sqrt(np.abs(pull) * r)
     share = float(particles.mass[falling].sum() / particles.mass.sum())
-    if share > support.MOST:
+    if share > support.MAX_FALLING:
         where = found.scene.units.show(float(np.median(r[falling])), "length")
         what = (
             "self-gravity acts outwards"
@@ -226,20 +236,23 @@ def _refuse_falling(found: Balance, name: str, particles: Any) -> None:
 
 
 def viscous_flow(scene: Scene, disc: profile.Radial, r: Array) -> Array:
-    """Return the radial velocity (n,) of gas that its viscosity drives, clipped to SLOW c_s as it diverges at edges."""
+    """Return the radial velocity (n,) of gas that its viscosity drives, limited to MAX_MACH c_s.
+
+    Without the limit it would diverge at the edges of the disc.
+    """
     if disc.inflow is not None:
         return disc.inflow(r)
     with np.errstate(divide="ignore", invalid="ignore"):
         flow = viscosity.radial_flow(scene, r, disc.surface_density)
-    most = SLOW * profile.sound_speed(scene, r, disc.surface_density(r))
+    most = MAX_MACH * profile.sound_speed(scene, r, disc.surface_density(r))
     return np.clip(np.where(np.isfinite(flow), flow, 0.0), -most, most)
 
 
 def tabulated(state: State, effects: dict[str, Any], radius: Array) -> Array:
-    """Return radial and azimuthal velocities (kinds, n, 2) at `radius` (n,) of gas, if any, and each dust population.
+    """Return radial and azimuthal velocities (kinds, n, 2) at the radii `radius` (n,).
 
-    They are those of equilibrium for a given disc or a start with a radial profile, else the mean over azimuth of the
-    particles' velocities.
+    The kinds are the gas, if the scene has gas, and then each dust population. Velocities are those of equilibrium
+    with [background] or a start with a radial profile; otherwise they are means over azimuth of particle velocities.
     """
     scene: Any = state.scene
     kinds = [("gas", 0)] if state.gas is not None else []
@@ -258,22 +271,27 @@ def tabulated(state: State, effects: dict[str, Any], radius: Array) -> Array:
 
 
 def _mean_velocities(particles: Any, population: int, radius: Array) -> Array:
-    """Return mean radial and azimuthal velocities (n, 2) at `radius` (n,), from rings of equal particle number."""
+    """Return mean radial and azimuthal velocities (n, 2) at the radii `radius` (n,).
+
+    Velocities are averaged over rings with equal numbers of particles, and interpolated between the rings.
+    population: index of the dust population; 0 for gas.
+    """
     chosen = np.flatnonzero(getattr(particles, "species", np.zeros(particles.count, int)) == population)
     pos, vel = particles.pos[chosen], particles.vel[chosen]
     r = np.sqrt((pos**2).sum(axis=1))
     order = np.argsort(r, kind="stable")
     turning = pos[:, 0] * vel[:, 1] - pos[:, 1] * vel[:, 0]
-    rings = np.array_split(order, max(1, len(order) // max(RING, math.isqrt(len(order)))))
+    rings = np.array_split(order, max(1, len(order) // max(MIN_RING_PARTICLES, math.isqrt(len(order)))))
     middle = [r[ring].mean() for ring in rings]
     means = [[(values[ring] / r[ring]).mean() for ring in rings] for values in ((pos * vel).sum(axis=1), turning)]
     return np.stack([np.interp(radius, middle, mean) for mean in means], axis=1)
 
 
 def mean_gravity(state: State, effects: dict[str, Any]) -> Callable[[Array], Array]:
-    """Return a function of radius (n,): inward acceleration by star, companions and self-gravity, averaged in azimuth.
+    """Return the function g of radii (n,): the inward acceleration by star, companions and self-gravity.
 
-    Self-gravity is sampled at the particles of `state.limiting`, as one-way dust must not change the gas.
+    The acceleration is averaged over azimuth. Self-gravity is sampled at the particles of `state.limiting`, because
+    one-way dust must not change the gas.
     """
 
     def pull(radius: Array) -> Array:

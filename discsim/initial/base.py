@@ -1,4 +1,4 @@
-"""The interface of an initial condition, from its keys to its exact solution."""
+"""The interface of an initial condition ("start"): keys, particles, previews, exact solution."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 Arrays = dict[str, Array]  # arrays of one species: pos (n, d), vel (n, d), mass (n,), ...
-Curve = tuple[Array, Array, Array]  # positions, densities and velocities (n,) of a species
+Curve = tuple[Array, Array, Array]  # positions, densities and velocities (n,) of an exact solution for a species
 
 
 @dataclass(frozen=True)
 class Places:
-    """Sample points of a start's gas, with the properties of the gas there; arrays (n,) in code units.
+    """Sample points in the gas of a start, with the properties of the gas there; arrays (n,) in code units.
 
     Attributes
     ----------
@@ -35,11 +35,11 @@ class Places:
     radius : ndarray or None
         Distance from the origin, if the start has a centre.
     pressure : ndarray or None
-        Pressure, if the start sets it without the equation of state.
+        Pressure, if the start sets it. None: it follows from the equation of state.
     relative_mass : ndarray or None
         Mass of a gas particle over the mean mass; None: 1.
     jump : ndarray or None
-        Velocity jump of a shock at each point.
+        Velocity jump of the shock at each point, 0 at points without a shock. None: no shock.
     """
 
     names: list[str]
@@ -52,10 +52,10 @@ class Places:
 
 @dataclass(frozen=True)
 class Start:
-    """An initial condition: its keys in `[initial]`, its particles, and facts for rules, previews and error measures.
+    """An initial condition: its keys in `[initial]`, its particles, and data for rules, previews and error measures.
 
     Functions take the validated Scene unless noted; numbers are in code units. Only `keys`, `particles` and `places`
-    are required; None stands for the default given below.
+    are required. The meaning of None is given for each attribute.
 
     Attributes
     ----------
@@ -71,47 +71,51 @@ class Start:
     settle : callable (state, effects), optional
         Set velocities once forces are known.
     take_up : callable (state), optional
-        Copy the time and, if the run continues one, the state of an earlier run into the new state. Called last.
+        Copy the time of an earlier run and, if the new run continues it, its state into the new state. Called last.
     begins : callable (scene), optional
         Return the time at which a run begins. None: 0.
     under_way : callable (scene), optional
-        Return the star (0) and the companions that are already moving at t = 0, by number. None: none is.
+        Return those of the star (number 0) and the companions (from 1) that already move when the run begins, as
+        {number: UnderWay}. None: none of them.
     thermal_speed : callable (scene, r), optional
         Return sqrt(P / Sigma) (n,) of the start's own temperature, or None if `gas.eos` sets it.
     cells : callable (scene, x, dx), optional
         Return density (n,), velocities (n,) by species and u (n,) or None in grid cells of width dx at x (n,).
         None: this start cannot be used on a fixed grid.
     dimensions : tuple of int
-        Dimensions of space that it supports.
+        Dimensions of space that the start supports.
     boundary : {"open", "periodic"} or None
-        Boundary that it needs; None: any.
+        Boundary that the start needs. None: any.
     eos : tuple of str or None
-        Kinds of equations of state that it supports; None: any, and no gas.
+        Kinds of equations of state that the start supports; gas is then required. None: any kind, or no gas.
     brings_pressure : bool
-        Whether it sets the pressure, so that the equation of state needs no temperature.
+        Whether the start sets the pressure, so that the equation of state needs no temperature.
     column : bool
-        Whether its density in 1D is a surface density, as self-gravity in 1D requires.
+        Whether the density of the start in 1D is a surface density, as self-gravity in 1D requires.
     reach : (str, float) or None
-        A key of `[initial]` that is a length, and its least number in half a side of space.
+        Key of `[initial]` with a length, and a factor: half a side of space must be at least the factor times the
+        length. None: any size.
     rules : tuple of Rule
         Further rules for a scene with this start.
     faults : callable (scene), optional
-        Yield problems that show only in the validated scene.
+        Yield problems that can be found only in the validated scene.
     kernel : str or None
         Default smoothing kernel of the gas; None: the default of any scene.
     masses : callable (scene, population), optional
-        Return the mass of gas in the region of a dust population, or of all gas if population is None. None: the
-        density of `places` fills all space.
+        Return the mass of gas in the region of a dust population, or of all gas if population is None. If masses is
+        None: the first density of `places` fills all space.
     spread : callable (scene), optional
-        Return points throughout the gas, and relative masses (n,) of the gas there. None: `places` with equal weights.
+        Return `Places` throughout the gas, and relative masses (n,) of the gas there. None: those of `places` with
+        equal masses.
     on_lattice : bool
-        Whether particles with even placement form a lattice, whose number is a product of rows and columns.
+        Whether particles with even placement form a lattice, so that their number is a product of rows and columns.
     edges : callable (scene), optional
         Return inner and outer radius about the origin. None: the start has no centre.
     reference_density : callable (scene), optional
-        Return Sigma at the reference radius of drag laws. None: it has no such radius.
+        Return Sigma at the reference radius of drag laws. None: the start has no such radius.
     later : callable (scene, time), optional
-        Return the gas that sets the step at a time, for forecasts. None: the gas of the start.
+        Return `Places` with the gas that limits the time step at a later time, for forecasts. None: the gas of the
+        start.
     warnings : callable (scene), optional
         Yield warnings about scenes that run, but perhaps not as intended.
     measure : callable (scene), optional
@@ -119,13 +123,13 @@ class Start:
     exact_with : tuple of str
         Effects, besides gas, dust and drag, that the exact solution includes.
     uniform : bool
-        Whether gas stays uniform, so that drag alone changes relative velocities; long steps then amplify rounding
-        errors only.
+        Whether gas stays uniform, so that drag alone changes relative velocities; long steps then amplify only
+        rounding errors.
     curves : callable (scene, time, x), optional
-        Return exact curves of those species that have one. `x` (n,) are positions in 1D, and distances from the
-        middle of space in 2D; a start may return other positions.
+        Return the exact solution as {species: Curve}, for the species that have one. `x` (n,): positions in 1D, and
+        distances from the middle of space in 2D. A curve may have other positions than `x`.
     around : {"radial", "azimuthal"} or None
-        In 2D, the velocity that the figure shows against this distance; None: none.
+        In 2D, the velocity component that the figure shows against the distance from the middle. None: no component.
     """
 
     keys: type[Table]
@@ -161,13 +165,13 @@ class Start:
     around: Literal["radial", "azimuthal"] | None = None
 
     def mass(self, scene: Any, population: Any = None) -> float:
-        """Return the mass of gas in the region of a dust population, or of all gas; in 1D the mass over area."""
+        """Return the mass of gas in the region of a dust population; None: of all gas. In 1D it is a mass over area."""
         if self.masses is not None:
             return self.masses(scene, population)
         return float(self.places(scene).density[0]) * math.prod(scene.space.size)
 
     def all_over(self, scene: Any) -> tuple[Places, Array]:
-        """Return points throughout the gas, and relative masses (n,) of the gas there."""
+        """Return sample points throughout the gas, and relative masses (n,) of the gas there."""
         if self.spread is not None:
             return self.spread(scene)
         places = self.places(scene)

@@ -1,7 +1,7 @@
-"""A blast: heat in the middle of uniform gas at rest (Sedov 1959), and dust at rest in it.
+"""blast: heat in the middle of uniform gas at rest (Sedov 1959), and dust at rest in the gas.
 
-The energy falls off as (1 - r^2/R^2)^2 within the radius R; its sum over the particles is exact. The gas outside has
-the sound speed of `gas.eos`, or almost no pressure if that is not given.
+The energy per mass falls off as (1 - r^2/R^2)^2 within R = `initial.radius`; its sum over all particles is exactly
+`initial.energy`. The surrounding gas has the sound speed of `gas.eos`, or almost no pressure without this key.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from discsim.numerics.state import Particles
     from discsim.scene import Scene
 
-CENTRE = 0.4  # central pressure of a blast over that behind the shock (Sedov 1959)
-SMEARED = 3.0  # largest compression of SPH gas in the shock, which is some h wide
-COLD = 1e-8  # u of gas without a given temperature, in units of the blast's energy over the mass in the box
+CENTRAL_PRESSURE = 0.4  # central pressure of a blast over that behind the shock (Sedov 1959)
+MAX_COMPRESSION = 3.0  # largest compression of SPH gas in the shock, which is several h wide
+COLD_ENERGY = 1e-8  # u of gas without a given temperature, in units of the blast's energy over the mass in the box
 
 
 class Blast(Table):
@@ -45,7 +45,7 @@ def particles(scene: Scene) -> dict[str, Arrays]:
     if not weight.any():
         raise ValueError("initial.radius: no gas particle lies within this radius; expected several particle spacings")
     if eos.sound_speed is None and eos.aspect_ratio is None:
-        around = COLD * start.energy / gas["mass"].sum()
+        around = COLD_ENERGY * start.energy / gas["mass"].sum()
     else:
         around = initial_energy(scene, np.sqrt(r2))
     gas["u"] = around + start.energy * weight / (gas["mass"] * weight).sum()
@@ -60,37 +60,37 @@ def places(scene: Scene) -> Places:
 
 
 def later(scene: Scene, time: float) -> Places:
-    """Return the gas that sets the step: the hottest gas, in the middle, and the gas behind the shock.
+    """Return the gas that limits the time step at `time`: the hottest gas, in the middle, and the gas behind the shock.
 
-    The shock is at about (E t^2 / rho)^(1/4), and gas in the middle keeps its entropy. A shock in SPH compresses gas
-    by less than (gamma + 1) / (gamma - 1), as its width is some h.
+    The shock is at the radius (E t^2 / rho)^(1/4), about, and the entropy of gas in the middle is constant. A shock in
+    SPH is several h wide, and so compresses gas by less than (gamma + 1) / (gamma - 1).
     """
     start, gamma = scene.initial, scene.gas.eos.gamma
-    density = start.density * (1.0 + (_load(scene) or 0.0))
+    density = start.density * (1.0 + (_coupled_dust_ratio(scene) or 0.0))
     hottest = 3.0 * (gamma - 1.0) * start.energy / (np.pi * start.radius**2)  # the pressure at the start
     speed = 0.5 * (start.energy / density) ** 0.25 * max(time, 1e-300) ** -0.5
     behind = 2.0 / (gamma + 1.0) * start.density * speed**2
-    pressure = min(hottest, CENTRE * behind)
+    pressure = min(hottest, CENTRAL_PRESSURE * behind)
     thinned = start.density * (pressure / hottest) ** (1.0 / gamma)
     if behind > hottest:  # there is no shock yet
         return Places(["the middle"], np.array([thinned]), pressure=np.array([pressure]))
-    squeezed = start.density * min((gamma + 1.0) / (gamma - 1.0), SMEARED)
+    squeezed = start.density * min((gamma + 1.0) / (gamma - 1.0), MAX_COMPRESSION)
     jumps = np.array([0.0, 2.0 / (gamma + 1.0) * speed])
     names = ["the middle", "the shock"]
     return Places(names, np.array([thinned, squeezed]), pressure=np.array([pressure, behind]), jump=jumps)
 
 
-def _load(scene: Scene) -> float | None:
-    """Return the dust-to-gas ratio of all dust, or None if the dust does not act on the gas (no drag, or one-way).
+def _coupled_dust_ratio(scene: Scene) -> float | None:
+    """Return the dust-to-gas ratio of all populations together; None if dust does not act on the gas.
 
-    The exact solution holds for dust that moves with the gas.
+    Dust without drag or with one-way drag does not. The exact solution is for dust that moves with the gas.
     """
     ratio = sum(dust.ratio for dust in scene.dust or ())
     return None if ratio and (scene.drag is None or scene.drag.direction == "one-way") else ratio
 
 
 def measure(scene: Scene) -> ErrorMeasure | None:
-    ratio = _load(scene)
+    ratio = _coupled_dust_ratio(scene)
     if ratio is None:
         return None
     from discsim.exact import sedov  # imports scipy
@@ -99,13 +99,16 @@ def measure(scene: Scene) -> ErrorMeasure | None:
         start = scene.initial
         exact = sedov.shock_radius(sim.time, start.energy, start.density * (1.0 + ratio), scene.gas.eos.gamma)
         width = min(scene.space.size) * sim.gas.count**-0.5
-        return {kind: abs(front(p, width) / exact - 1.0) for kind, p in sim.state.species.items()}
+        return {kind: abs(shock_front(p, width) / exact - 1.0) for kind, p in sim.state.species.items()}
 
     return ErrorMeasure("shock radius compared with the exact one", errors)
 
 
-def front(particles: Particles, width: float) -> float:
-    """Return the radius of a blast's shock: where the mean density in rings of `width` is half way up the jump."""
+def shock_front(particles: Particles, width: float) -> float:
+    """Return the radius of the shock of a blast, at which the density is the mean of its peak and of the gas outside.
+
+    width: width of the rings over which the density is averaged.
+    """
     r = np.sqrt((particles.pos**2).sum(axis=1))
     edges = np.arange(0.0, np.abs(particles.pos).max(), width)
     middle = 0.5 * (edges[1:] + edges[:-1])
@@ -117,7 +120,7 @@ def front(particles: Particles, width: float) -> float:
 
 
 def curves(scene: Scene, time: float, r: Array) -> dict[str, Curve]:
-    start, ratio = scene.initial, _load(scene)
+    start, ratio = scene.initial, _coupled_dust_ratio(scene)
     if time == 0.0 or ratio is None:
         return {}
     from discsim.exact import sedov  # imports scipy

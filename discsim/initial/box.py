@@ -1,4 +1,4 @@
-"""A uniform periodic box in which gas and dust have different velocities (DustyBox; Laibe & Price 2011)."""
+"""box: uniform gas and dust with different velocities in a periodic box (DustyBox; Laibe & Price 2011)."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def places(scene: Scene) -> Places:
 
 
 def measure(scene: Scene) -> ErrorMeasure | None:
-    """Return the error of the velocities, over the slip at the start."""
+    """Return the measure of velocity errors, relative to the slip at the start; None without exact solution."""
     drag = scene.drag
     rate = LAWS[drag.law].uniform_rate if drag else None
     if not scene.gas or len(scene.dust or ()) != 1 or rate is None:

@@ -1,4 +1,4 @@
-"""Starts on a fixed 1D grid, with one particle at the centre of each cell."""
+"""Particles of a start on a fixed 1D grid: one particle of gas and one of dust at the centre of each cell."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def particles(scene: Scene) -> dict[str, Arrays]:
-    """Return arrays by species from the `cells` function of the scene's start."""
+    """Return particle arrays by species, from the function `cells` of the scene's start."""
     count, length, start = scene.gas.particles, scene.space.size[0], STARTS[scene.initial.kind]
     dx = length / count
     x = (np.arange(count) + 0.5) * dx - (0.5 * length if scene.centred else 0.0)

@@ -1,5 +1,5 @@
-"""A disc with power laws and tapers (`physics/profile.py`): particles of equal mass on rings (`rings.py`), with
-velocities in balance (`balance.py`).
+"""disc: power laws with tapers (`physics/profile.py`), particles of equal mass on rings (`rings.py`), and velocities
+in balance with the forces (`balance.py`).
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from discsim.scene.rules import Draft, Problem
 
 Array = np.ndarray
-ROOM = 1.15  # half a side of space over the outer radius of a disc, below which a warning is given
+MIN_ROOM = 1.15  # a warning is given if half a side of space is less than MIN_ROOM times the outer radius of the disc
 
 
 class Disc(balance.Settled):
@@ -81,7 +81,7 @@ def has_edges_in_space(draft: Draft) -> Iterator[Problem]:
 
 
 def has_finite_powers(draft: Draft) -> Iterator[Problem]:
-    """Yield problems of power laws that overflow within the disc."""
+    """Yield a problem for each power law of radius that overflows within the disc."""
     gas = draft.gas or draft.background
     laws = [("initial", draft.initial, "surface_density_index")]
     if draft.has("background"):
@@ -111,7 +111,7 @@ def needs_a_centre(draft: Draft) -> Iterator[Problem]:
         )
 
 
-def has_a_q(draft: Draft) -> Iterator[Problem]:
+def has_tables_for_q(draft: Draft) -> Iterator[Problem]:
     if draft.initial.toomre_q is None:
         return
     for table in ("gas", "star"):
@@ -137,7 +137,7 @@ def has_dust_within(draft: Draft) -> Iterator[Problem]:
 
 
 def places(scene: Scene) -> Places:
-    """Return the gas at the ends of the tapers and in the middle."""
+    """Return the gas at the ends of both tapers and in the middle of the disc."""
     start: Any = scene.initial
     inner, outer = start.inner + start.inner_taper, start.outer - start.outer_taper
     radius = np.array([inner, (start.inner + start.outer) / 2, outer])
@@ -154,10 +154,10 @@ def spread(scene: Scene) -> tuple[Places, Array]:
 
 def warnings(scene: Scene) -> Iterator[str]:
     half, outer = 0.5 * min(scene.space.size), scene.initial.outer
-    if half < ROOM * outer and scene.model.given is None:
-        wanted = scene.units.show(2 * ROOM * outer, "length")
+    if half < MIN_ROOM * outer and scene.model.given is None:
+        wanted = scene.units.show(2 * MIN_ROOM * outer, "length")
         yield (
-            f"space.size leaves {half / outer - 1:.2g} of the disc's radius as margin, below {ROOM - 1:.2g}: "
+            f"space.size leaves {half / outer - 1:.2g} of the disc's radius as margin, below {MIN_ROOM - 1:.2g}: "
             f"spreading gas leaves the grid; raise space.size to {wanted}"
         )
 
@@ -176,7 +176,7 @@ START = Start(
         has_finite_powers,
         has_one_mass,
         needs_a_centre,
-        has_a_q,
+        has_tables_for_q,
         has_dust_within,
         balance.relaxes_gas,
     ),

@@ -1,5 +1,6 @@
-"""Star and companions at the start, and the change from the frame of a start, whose disc is about the origin, to the
-frame of the run.
+"""Star and companions at the start of a run, and the change of frame from the start to the run.
+
+In the frame of a start the origin is the centre of the disc.
 """
 
 from __future__ import annotations
@@ -20,8 +21,8 @@ if TYPE_CHECKING:
 def make_bodies(scene: Scene, with_start: bool) -> Bodies | None:
     """Return star and companions, with the centre of the disc at rest at the origin.
 
-    Return None if there is no star, or if the star has a constant mass and stays at the origin. with_start: the run
-    begins with the scene's start, in which bodies may be already moving.
+    Return None if there is no star, or if the star has a constant mass and stays at the origin.
+    with_start: whether the run begins with the scene's start, in which star and companions may already move.
     """
     if at_rest(scene):
         return None
@@ -30,7 +31,10 @@ def make_bodies(scene: Scene, with_start: bool) -> Bodies | None:
 
 
 def enter_frame(state: State, with_particles: bool) -> None:
-    """Move bodies, and with_particles gas and dust too, from the frame of the disc's centre to the frame of the run."""
+    """Transform star and companions from the frame of the disc's centre to the frame of the run.
+
+    with_particles: transform gas and dust too.
+    """
     bodies = state.bodies
     if bodies is None:
         return

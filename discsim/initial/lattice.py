@@ -1,4 +1,4 @@
-"""Uniform and sinusoidally stretched lattices in a box, for gas and each dust population."""
+"""Uniform and sinusoidally stretched lattices of particles in a box, for gas and each dust population."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ Array = np.ndarray
 
 
 def lattice(size: tuple[float, ...], particles: int, offset: float = 0.0, spacing: Array | None = None) -> Array:
-    """Return a square lattice of about `particles` points (n, d) in [0, size), shifted by `offset` `spacing` (d,).
+    """Return a lattice of about `particles` points (n, d) in the periodic box [0, size), shifted by offset * spacing.
 
-    In 2D, n is the nearest product of whole rows and columns. spacing: by default that of this lattice.
+    In 2D the cells are as square as whole numbers of rows and columns allow. spacing (d,): by default the spacing of
+    the lattice itself.
     """
     counts = shape(size, particles)
     steps = np.array(size) / counts
@@ -28,7 +29,7 @@ def lattice(size: tuple[float, ...], particles: int, offset: float = 0.0, spacin
 
 
 def shape(size: tuple[float, ...], particles: int) -> tuple[int, ...]:
-    """Return the number of points along each axis."""
+    """Return the numbers of points of a lattice along each axis; their product is about `particles`."""
     if len(size) == 1:
         return (particles,)
     along = max(1, round((particles * size[0] / size[1]) ** 0.5))
@@ -36,7 +37,10 @@ def shape(size: tuple[float, ...], particles: int) -> tuple[int, ...]:
 
 
 def uniform(scene: Scene, density: float) -> dict[str, dict[str, Array]]:
-    """Return arrays by species of gas and dust of uniform density at rest in the box."""
+    """Return particle arrays of uniform gas and dust at rest in the box, by species.
+
+    density: density of the gas; that of each population is `dust.ratio` times as large.
+    """
     size = scene.space.size
     mass = density * float(np.prod(size))
     out: dict[str, dict[str, Array]] = {}
@@ -44,7 +48,7 @@ def uniform(scene: Scene, density: float) -> dict[str, dict[str, Array]]:
     if scene.gas is not None:
         pos = lattice(size, scene.gas.particles)
         spacing = np.array(size) / shape(size, scene.gas.particles)
-        out["gas"] = _species(pos, mass)
+        out["gas"] = _species_at_rest(pos, mass)
     if scene.dust is not None:
         stream = random_stream(scene, "dust")
 
@@ -53,7 +57,7 @@ def uniform(scene: Scene, density: float) -> dict[str, dict[str, Array]]:
                 pos = stream.random((population.particles, len(size))) * np.array(size)
             else:
                 pos = lattice(size, population.particles, population.offset, spacing)
-            return _species(pos, mass * population.ratio)
+            return _species_at_rest(pos, mass * population.ratio)
 
         out["dust"] = populations(scene, grains)
     for arrays in out.values():
@@ -62,19 +66,20 @@ def uniform(scene: Scene, density: float) -> dict[str, dict[str, Array]]:
 
 
 def everywhere(density: float, pressure: Array | None = None) -> Places:
-    """Return the places of a start whose gas has one density."""
+    """Return `Places` with a single point, for gas with the same density and pressure everywhere."""
     return Places(["everywhere"], np.array([density]), pressure=pressure)
 
 
-def _species(pos: Array, mass: float) -> dict[str, Array]:
+def _species_at_rest(pos: Array, mass: float) -> dict[str, Array]:
     return {"pos": pos, "vel": np.zeros_like(pos), "mass": np.full(len(pos), mass / len(pos))}
 
 
 def stretch(pos: Array, wavevector: Array, amplitude: float) -> Array:
-    """Move points `pos` (n, d) of a uniform lattice so that their density is multiplied by 1 + A sin(k.x); return k.x.
+    """Move the points `pos` (n, d) of a uniform lattice in place; return the phases k.x (n,) at the new positions.
 
-    Along k the mass up to phase s is s - A cos(s). The equation is solved for s by Newton's method, and by bisection
-    for points where Newton's method fails, as it can for |A| near 1.
+    The density of the points is then proportional to 1 + A sin(k.x). wavevector (d,): k. amplitude: A.
+    The mass between phase 0 and s along k is s - A cos(s) up to a constant. This is solved for s by Newton's method,
+    and by bisection for points where Newton's method fails, as it can for |A| near 1.
     """
     start = pos @ wavevector
     phase = start.copy()

@@ -1,4 +1,4 @@
-"""Errors of a run against an exact solution, for starts that have one."""
+"""Errors of a run relative to an exact solution, for starts that have one."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Array = np.ndarray
 
 
 class Simulated(Protocol):
-    """The part of a `Simulation` that its error depends on: time and particles."""
+    """The attributes of a `Simulation` from which errors are computed: time and particles."""
 
     @property
     def time(self) -> float: ...
@@ -35,9 +35,9 @@ class ErrorMeasure(NamedTuple):
     Attributes
     ----------
     words : str
-        Description of the error.
+        Description of the error, as text for reports.
     errors : callable (sim)
-        Return the error of a simulation at its present time for each species; under "" an error of no one species.
+        Return the errors of a simulation at its present time by species; the key "" is for an error of all species.
     """
 
     words: str
@@ -47,10 +47,10 @@ class ErrorMeasure(NamedTuple):
 def velocity_errors(
     exact: Callable[[Simulated, str], tuple[Array, Array | float]],
 ) -> Callable[[Simulated], dict[str, float]]:
-    """Return a function of errors by species: the RMS error of velocities over the largest exact speed in a frame.
+    """Return a function of a simulation: the relative RMS error of particle velocities by species.
 
-    exact(sim, kind): exact velocities (n, d) of the particles of a species, and the velocity of that frame. Immobile
-    particles are left out.
+    exact(sim, kind): return the exact velocities (n, d) of the particles of the species `kind`, and the velocity of a
+    frame. Errors are relative to the largest exact speed in this frame. Immobile particles are left out.
     """
 
     def errors(sim: Simulated) -> dict[str, float]:

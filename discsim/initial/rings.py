@@ -1,7 +1,7 @@
 """Particles on rings for a disc given as functions of radius (`physics/profile.py`).
 
-All particles of a species have equal mass, except gas of a disc with a `resolution`: then each ring has the mass of
-the disc there, shared equally by its particles.
+All particles of a species have equal mass, except gas of a disc with a `resolution`: then the mass of each ring is that
+of the disc, divided equally among the particles of the ring.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ Array = np.ndarray
 
 
 def particles(scene: Scene) -> dict[str, dict[str, Array]]:
-    """Return arrays by species of the start's disc at rest: gas, and each dust population between its radii."""
+    """Return particle arrays of the disc at rest, by species; each dust population is placed between its radii."""
     disc = profile.radial(scene)
     out = {}
     if scene.gas is not None:
         stream = random_stream(scene, "gas")
-        out["gas"] = _species(scene, disc, stream, scene.gas.particles, None)
+        out["gas"] = _species_arrays(scene, disc, stream, scene.gas.particles, None)
     if scene.dust is not None:
         own = random_stream(scene, "dust")
-        out["dust"] = populations(scene, lambda dust: _species(scene, disc, own, dust.particles, dust))
+        out["dust"] = populations(scene, lambda dust: _species_arrays(scene, disc, own, dust.particles, dust))
     return out
 
 
@@ -38,12 +38,18 @@ def edges(scene: Scene) -> tuple[float, float]:
 
 
 def mass(scene: Scene, population: Any) -> float:
-    """Return the mass of gas in the region of a population; the mass of its dust is that times its ratio."""
+    """Return the mass of gas in the region of a dust population; `dust.ratio` times this mass is the mass of dust.
+
+    population: None for all gas. If the disc has its own dust-to-gas ratio, gas is weighted by `dust_share`.
+    """
     return float(_mass_within(profile.radial(scene), population)[1][-1])
 
 
 def _mass_within(disc: profile.Radial, population: Any) -> tuple[Array, Array]:
-    """Return radii from edge to edge (n,), and the mass of gas, or of dust with ratio 1, within each of them (n,)."""
+    """Return radii (n,) from edge to edge, and the mass (n,) of gas within each; None as population: of all gas.
+
+    For a dust population the edges are its own, and gas is weighted by `disc.dust_share`.
+    """
     inner, outer = disc.inner, disc.outer
     if population is not None:
         inner, outer = max(population.inner or 0.0, inner), min(population.outer or np.inf, outer)
@@ -53,7 +59,7 @@ def _mass_within(disc: profile.Radial, population: Any) -> tuple[Array, Array]:
     return r, profile.integral(r, disc.surface_density(r) * disc.dust_share(r))
 
 
-def _species(
+def _species_arrays(
     scene: Scene, disc: profile.Radial, stream: np.random.Generator, count: int, population: Any
 ) -> dict[str, Array]:
     r, mass = _mass_within(disc, population)
@@ -81,10 +87,11 @@ def _species(
 
 
 def rings(r: Array, number: Array, stream: np.random.Generator) -> tuple[Array, Array]:
-    """Return radii and angles (n,) of particles on rings, with equal spacing along and between rings.
+    """Return the radii and angles (n,) of particles on rings, with equal spacing along and between rings.
 
-    `number` (m,) is the cumulative number of particles within each of the rising radii `r` (m,). A ring holds the
-    particles between two values of `number`, at the radius that halves them, evenly spaced from a random angle.
+    number (m,): cumulative number of particles within each of the increasing radii `r` (m,). A ring contains the
+    particles between two values of `number`, and is at the radius that halves their number. Its particles are evenly
+    spaced, from a random first angle.
     """
     count = round(number[-1])
     per_area = np.gradient(number, r) / (2.0 * np.pi * r)
@@ -101,9 +108,9 @@ def rings(r: Array, number: Array, stream: np.random.Generator) -> tuple[Array, 
 
 
 def ring_masses(radius: Array, mass: Array) -> Array:
-    """Return masses (n,) of particles at radii (n,) that rise from ring to ring; a ring shares its mass equally.
+    """Return the masses (n,) of particles; all particles of a ring have the same mass.
 
-    mass (n + 1,): mass of the disc within the first k particles.
+    radius (n,): radii, sorted from ring to ring. mass (n + 1,): mass of the disc up to the k-th particle, from k = 0.
     """
     first = np.flatnonzero(np.diff(radius, prepend=-1.0) > 0.0)
     ends = np.append(first, len(radius))
@@ -111,10 +118,11 @@ def ring_masses(radius: Array, mass: Array) -> Array:
 
 
 def perturbed(scene: Scene, radius: Array, angle: Array) -> Array:
-    """Return angles (n,) moved so that their density is 1 + A sum_m cos(m phi + phase_m(r)) to first order, m = 2 to 6.
+    """Return the angles (n,), displaced so that the density along a ring becomes 1 + A sum_m cos(m phi + phase_m(r)).
 
-    These modes seed leading and trailing spiral arms, as evenly spaced rings have no other asymmetry. Phases are a
-    spline through ten random values from edge to edge, the same for gas and dust.
+    This holds to first order in A = `initial.perturbation`; m is 2 to 6. These modes seed leading and trailing spiral
+    arms, because evenly spaced rings have no other asymmetry. Each phase_m(r) is a spline through ten random values
+    from edge to edge, the same for gas and dust.
     """
     start: Any = scene.initial
     stream = np.random.default_rng([scene.run.seed, len(SPECIES)])
@@ -127,7 +135,7 @@ def perturbed(scene: Scene, radius: Array, angle: Array) -> Array:
 
 
 def spline(ends: tuple[float, float], values: Array, x: Array) -> Array:
-    """Evaluate at x (m,) the cubic spline through `values` (n,) at even spacing between two ends.
+    """Return at `x` (m,) the cubic spline through `values` (n,) at evenly spaced nodes from ends[0] to ends[1].
 
     The third derivative is continuous at the second nodes from the ends ("not-a-knot"), as in scipy.interpolate, whose
     import would take 17% of the time of a start.

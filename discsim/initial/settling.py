@@ -1,9 +1,9 @@
-"""An isothermal layer at rest under -Omega^2 z (`exact/settling.py`), with grains at rest throughout.
+"""settling: an isothermal gas layer and dust, both at rest, under the acceleration -Omega^2 z (`exact/settling.py`).
 
-Particles have equal mass and are evenly spaced in the mass below them. Beyond +-vertical_extent immobile gas supports
-the ends of the layer, at the spacing of the ends, with masses that continue the Gaussian. The equilibrium of SPH
-differs slightly from the Gaussian. The gas is moved into the former, since sound waves of a layer out of balance
-would be faster than the fall of small grains.
+The gas is a Gaussian in z. Particles have equal mass, so that each has the same mass between itself and the next.
+Beyond +-vertical_extent immobile gas supports the ends of the layer. Its particles have the spacing of the last moving
+ones, and masses that continue the Gaussian. The equilibrium of SPH differs slightly from the Gaussian. Gas is moved to
+the equilibrium of SPH, because sound waves of a layer out of balance would be faster than the fall of small grains.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ special = Lazy("scipy.special")
 smoothing = Lazy("discsim.kernels.sph.smoothing")
 Array = np.ndarray
 MARGIN = 2.0  # thickness of the immobile gas in support radii: kernels of moving gas must not reach its outer end
-ROUNDING = 1e-12  # rounding error of forces, in Omega^2 H
-BALANCED = 1e-7  # largest net force allowed, in Omega^2 H: well below the fall of grains with t_stop Omega = 1e-5
-ROUNDS = 20  # iterations of Newton's method
-SAMPLES = 20_001  # sample heights of previews
+FORCE_ROUNDING = 1e-12  # rounding error of forces, in Omega^2 H
+MAX_RESIDUAL = 1e-7  # largest net force allowed, in Omega^2 H: well below the fall of grains with t_stop Omega = 1e-5
+MAX_ITERATIONS = 20  # largest number of iterations of Newton's method
+PREVIEW_SAMPLES = 20_001  # sample heights of previews
 
 
 class Settling(Table):
@@ -50,19 +50,19 @@ class Settling(Table):
 
 
 def scale_height(scene: Scene | Draft) -> float:
-    """Return H = c_s / Omega of the scene's layer."""
+    """Return the scale height H = c_s / Omega of the layer."""
     given: Any = scene
     return given.gas.eos.sound_speed / given.external.vertical_frequency
 
 
 def extent(scene: Scene | Draft) -> float:
-    """Return the height up to which gas moves."""
+    """Return the height above and below the midplane up to which gas moves."""
     given: Any = scene
     return given.initial.vertical_extent or 0.5 * given.space.size[0]
 
 
 def column(scene: Scene) -> float:
-    """Return the mass over area of the gas between the ends."""
+    """Return the surface density of the moving gas, between -extent and +extent."""
     start: Any = scene.initial
     height = scale_height(scene)
     return float(start.density * height * np.sqrt(2.0 * np.pi) * special.erf(extent(scene) / height / np.sqrt(2.0)))
@@ -71,8 +71,8 @@ def column(scene: Scene) -> float:
 def particles(scene: Scene) -> dict[str, dict[str, Array]]:
     given: Any = scene
     total, count = column(scene), given.gas.particles
-    gas = _species(_heights(scene, (np.arange(count) + 0.5) / count), total / count)
-    gas = _with_ends(scene, gas)
+    gas = _particles_at_rest(_heights(scene, (np.arange(count) + 0.5) / count), total / count)
+    gas = _add_immobile_ends(scene, gas)
     gas["density"] = given.initial.density * _gaussian(scene, gas["pos"][:, 0])
     if scene.dust is None:
         return {"gas": gas}
@@ -84,12 +84,12 @@ def particles(scene: Scene) -> dict[str, dict[str, Array]]:
             share = stream.random(n)
         else:
             share = (np.arange(n) + 0.5) / n + population.offset / count
-        return _species(_heights(scene, share), total * population.ratio / n)
+        return _particles_at_rest(_heights(scene, share), total * population.ratio / n)
 
     return {"gas": gas, "dust": populations(scene, grains)}
 
 
-def _species(height: Array, mass: float | Array) -> dict[str, Array]:
+def _particles_at_rest(height: Array, mass: float | Array) -> dict[str, Array]:
     return {"pos": height[:, None], "vel": np.zeros((len(height), 1)), "mass": np.full(len(height), mass)}
 
 
@@ -98,14 +98,14 @@ def _gaussian(scene: Scene, height: Array) -> Array:
 
 
 def _heights(scene: Scene, share: Array) -> Array:
-    """Return the heights (n,) below which the shares (n,) of the mass between the ends lie."""
+    """Return the heights (n,) below which the fractions `share` (n,) of the moving gas lie."""
     height = scale_height(scene)
     inside = special.erf(extent(scene) / height / np.sqrt(2.0))
     return np.sqrt(2.0) * height * special.erfinv((2.0 * share - 1.0) * inside)
 
 
-def _with_ends(scene: Scene, gas: dict[str, Array]) -> dict[str, Array]:
-    """Append the immobile gas beyond the ends."""
+def _add_immobile_ends(scene: Scene, gas: dict[str, Array]) -> dict[str, Array]:
+    """Return the arrays `gas` of the moving gas, followed by the immobile gas beyond both ends."""
     given: Any = scene
     top, mass = extent(scene), gas["mass"][0]
     spacing = float(mass / given.initial.density / _gaussian(scene, np.array(top)))
@@ -113,7 +113,7 @@ def _with_ends(scene: Scene, gas: dict[str, Array]) -> dict[str, Array]:
     beyond = np.arange(np.ceil(MARGIN * smoothing.SUPPORT[smoothing.KERNELS[given.gas.kernel]] * h / spacing)) + 0.5
     above = top + spacing * beyond
     ends = np.concatenate([-above[::-1], above])
-    end = _species(ends, given.initial.density * _gaussian(scene, ends) * spacing)
+    end = _particles_at_rest(ends, given.initial.density * _gaussian(scene, ends) * spacing)
     whole = joined([gas, end])
     whole["immobile"] = np.arange(len(whole["mass"])) >= len(gas["mass"])
     return whole
@@ -122,20 +122,20 @@ def _with_ends(scene: Scene, gas: dict[str, Array]) -> dict[str, Array]:
 def settle(state: State, effects: dict[str, Any]) -> None:
     """Move the gas to positions at which its forces cancel, by Newton's method.
 
-    Raises ValueError if net forces above BALANCED remain.
+    Raises ValueError if net forces above MAX_RESIDUAL remain.
     """
     with effects["gas"].sph.in_double():  # the Jacobian is from differences of forces that nearly cancel
-        _settle(state, effects)
+        _settle_in_double(state, effects)
 
 
-def _settle(state: State, effects: dict[str, Any]) -> None:
+def _settle_in_double(state: State, effects: dict[str, Any]) -> None:
     scene: Any = state.scene
     gas: Any = state.gas
     free = np.flatnonzero(~gas.immobile)
     band = int(
         np.ceil(4.0 * smoothing.SUPPORT[smoothing.KERNELS[scene.gas.kernel]] * scene.gas.eta)
-    )  # half bandwidth: a force depends on so many particles on each side
-    small = ROUNDING * scene.external.vertical_frequency**2 * scale_height(scene)
+    )  # half bandwidth of the Jacobian: a force depends on this many particles on each side
+    small = FORCE_ROUNDING * scene.external.vertical_frequency**2 * scale_height(scene)
 
     def forces(moved: Array) -> Array:
         place = gas.pos[free].copy()
@@ -148,15 +148,15 @@ def _settle(state: State, effects: dict[str, Any]) -> None:
         gas.pos[free] = place
         return gas.acc[free, 0].copy()
 
-    for _ in range(ROUNDS):
+    for _ in range(MAX_ITERATIONS):
         spacing = np.gradient(gas.pos[free, 0])
         force = forces(np.zeros(len(free)))
         if np.abs(force).max() < small:
             return
         step = _newton_step(forces, force, spacing, band)
         gas.pos[free, 0] += np.clip(step, -0.2 * spacing, 0.2 * spacing)
-    left = np.abs(forces(np.zeros(len(free)))).max() / small * ROUNDING
-    if left > BALANCED:
+    left = np.abs(forces(np.zeros(len(free)))).max() / small * FORCE_ROUNDING
+    if left > MAX_RESIDUAL:
         raise ValueError(
             f"gas.kernel: forces of {left:.2g} Omega^2 H are left in the layer by kernel "
             f'"{scene.gas.kernel}" with this h; expected "wendland-c4" with eta = 2, or a smaller eta'
@@ -164,7 +164,11 @@ def _settle(state: State, effects: dict[str, Any]) -> None:
 
 
 def _newton_step(forces: Callable[[Array], Array], force: Array, spacing: Array, band: int) -> Array:
-    """Return displacements (n,) that cancel the forces to first order, from a banded Jacobian by differences."""
+    """Return the displacements (n,) that cancel the forces to first order.
+
+    The Jacobian is banded, with `band` diagonals on each side, and computed from finite differences of `forces`.
+    force, spacing (n,): forces now, and distances between particles.
+    """
     count, width = len(force), 2 * band + 1
     jacobian = np.zeros((width, count))
     for first in range(width):
@@ -184,9 +188,9 @@ def needs_gravity(draft: Draft) -> Iterator[Problem]:
 
 
 def reaches_its_ends(draft: Draft) -> Iterator[Problem]:
-    """Yield problems of too few particles for the extent.
+    """Yield a problem if there is no gas at the ends, or if there are too few particles.
 
-    Particles of equal mass are far apart at the ends; ten e-folding lengths of the density are allowed.
+    Particles of equal mass are far apart at the ends. At most ten e-folding lengths of the density are allowed.
     """
     if not (draft.gas and draft.space and draft.external):
         return
@@ -212,7 +216,7 @@ def places(scene: Scene) -> Places:
 
 
 def spread(scene: Scene) -> tuple[Places, Array]:
-    weight = _gaussian(scene, np.linspace(0.0, extent(scene), SAMPLES))
+    weight = _gaussian(scene, np.linspace(0.0, extent(scene), PREVIEW_SAMPLES))
     return Places([], scene.initial.density * weight), weight
 
 
@@ -239,7 +243,7 @@ def measure(scene: Scene) -> ErrorMeasure | None:
 
 
 def curves(scene: Scene, time: float, x: Array) -> dict[str, Curve]:
-    """Return curves of the gas at rest, and of dust if it is one population with a known stopping time."""
+    """Return the exact curves of the gas at rest and, for a single population with a known stopping time, of dust."""
     from discsim.exact import settling  # imports scipy
 
     given: Any = scene

@@ -1,4 +1,4 @@
-"""A periodic sheet at rest with Sigma = Sigma_0 (1 + A sin(k x)), in which pressure opposes self-gravity."""
+"""sheet: a periodic sheet at rest with Sigma = Sigma_0 (1 + A sin(k x)), in which pressure opposes self-gravity."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
-"""A shock tube: two uniform states separated at 0 of [-size/2, size/2].
+"""shock: a shock tube on [-size/2, size/2], with a uniform state on each side of x = 0.
 
-Immobile particles continue both states beyond the ends. Particles have equal mass, so their spacing follows the
-density. Dust has the gas's velocity and a constant ratio (DustyShock; Laibe & Price 2012).
+Immobile particles continue both states beyond the ends. Particles have equal mass, so that their spacing is inversely
+proportional to the density. Dust has the velocity of the gas, and a constant dust-to-gas ratio (DustyShock; Laibe &
+Price 2012).
 """
 
 from __future__ import annotations
@@ -16,20 +17,20 @@ from discsim.initial.base import Array, Arrays, Curve, Places, Start
 from discsim.initial.measure import ErrorMeasure, Simulated, velocity_errors
 from discsim.parts import Lazy
 from discsim.physics.eos import eos_of
-from discsim.scene.fields import Measure, Table, Velocity, Words
+from discsim.scene.fields import AllowedValues, Measure, Table, Velocity
 
 if TYPE_CHECKING:
     from discsim.scene import Scene
 
 smoothing = Lazy("discsim.kernels.sph.smoothing")  # slow to import
-MARGIN = 2.0  # thickness of the immobile ends in support radii: kernels of moving particles must not reach beyond
+MARGIN = 2.0  # thickness of the immobile ends in support radii: kernels of moving particles must not extend beyond
 State = Annotated[
     tuple[
         Annotated[float, Field(gt=0), Measure("density")],
         Annotated[float, Field(gt=0), Measure("pressure")],
         Velocity,
     ],
-    Words("density, pressure, velocity"),
+    AllowedValues("density, pressure, velocity"),
 ]
 
 
@@ -41,8 +42,12 @@ class Shock(Table):
     right: State = Field((0.125, 0.1, 0.0), description="gas state [density, pressure, velocity] at x > 0")
 
 
-def _side(density: float, mass: float, half: float, sign: float, margin: float, offset: float) -> Array:
-    """Return the sorted positions (n,) of one side's particles, from the jump to the end of the margin."""
+def _positions_on_side(density: float, mass: float, half: float, sign: float, margin: float, offset: float) -> Array:
+    """Return the sorted positions (n,) of the particles on one side, from x = 0 to the end of the immobile particles.
+
+    half: half the length of the tube. sign: -1 for the left side, 1 for the right one. margin: thickness of the
+    immobile end. offset: displacement away from x = 0, in particle spacings.
+    """
     step = mass / density
     count = int(np.ceil((half + margin) / step))
     return np.sort(sign * (np.arange(count) + 0.5 + sign * offset) * step)
@@ -60,7 +65,7 @@ def particles(scene: Scene) -> dict[str, Arrays]:
         parts = []
         for sign, (density, pressure, velocity) in states.items():
             h = fixed or eta * total / scene.gas.particles / density
-            x = _side(density, mass, half, sign, MARGIN * support * h, offset)
+            x = _positions_on_side(density, mass, half, sign, MARGIN * support * h, offset)
             side = {"pos": x, "vel": np.full(len(x), velocity), "density": np.full(len(x), density)}
             if eos_of(scene).holds_heat:
                 side["u"] = np.full(len(x), pressure / (scene.gas.eos.gamma - 1.0) / density)
@@ -77,7 +82,7 @@ def particles(scene: Scene) -> dict[str, Arrays]:
 
 
 def cells(scene: Scene, x: Array, dx: float) -> tuple[Array, Arrays, Array | None]:
-    """Return cell averages; the cell with the jump has shares of both sides."""
+    """Return density, velocities and u, averaged over grid cells; the cell at x = 0 may contain both states."""
     left, right = scene.initial.left, scene.initial.right
     share = np.clip(0.5 - x / dx, 0.0, 1.0)
     density = share * left[0] + (1.0 - share) * right[0]

@@ -1,4 +1,4 @@
-"""Small dust at the start of a run with `[growth]`: a share of the dust moves from dust to gas particles."""
+"""Small dust at the start of a run with `[growth]`: a fraction of the dust mass moves from dust to gas particles."""
 
 from __future__ import annotations
 
@@ -16,11 +16,12 @@ growth = Lazy("discsim.physics.growth")
 
 
 def move_small_dust(scene: Scene, given: Given) -> Given:
-    """Return the arrays `given` of a start with `small` (n,), the small dust carried by gas particles, added.
+    """Return the arrays `given` of a start, with the mass `small` (n,) of small dust in each gas particle added.
 
-    The share growth.small_ratio / dust.ratio of the dust moves to the gas between the dust's radii, in proportion to
-    the start's ratio there. At least SEED of the dust stays, as dust particles need a mass. The total mass is exact.
-    A start from a snapshot is returned unchanged, as it has set its own `small`.
+    The fraction growth.small_ratio / dust.ratio of the dust mass moves to gas particles between the radii of the dust,
+    in proportion to the dust-to-gas ratio of the start at each radius. At least the fraction SEED of the dust mass
+    stays, because dust particles need a mass. The total mass of dust is conserved.
+    Arrays from a snapshot are returned unchanged: they already contain `small`.
     """
     initial: Any = scene.initial
     gas, dust = given["gas"], given["dust"]
@@ -45,7 +46,10 @@ def move_small_dust(scene: Scene, given: Given) -> Given:
 
 
 def loaded(gas: dict[str, Any], sign: float = 1.0) -> dict[str, Any]:
-    """Return arrays of gas with `small` added to the mass, or with sign -1 subtracted from it."""
+    """Return the arrays of gas with the mass `small` of small dust added to `mass`; with sign = -1, subtracted.
+
+    density and u change accordingly.
+    """
     more = 1.0 + sign * gas["small"] / gas["mass"]
     per_mass = {"u": gas["u"] / more} if gas.get("u") is not None else {}
     return gas | {"mass": gas["mass"] * more, "density": gas["density"] * more} | per_mass

@@ -1,8 +1,8 @@
 """steady: a disc in steady viscous accretion, Sigma = Mdot / (3 pi nu(r)), with the same rate at all radii.
 
-Gas rotates in balance (`balance.py`) and moves inwards with v_r = -3 nu / (2 r) (Lynden-Bell & Pringle 1974). The
-edges have the tapers of a `disc`. The flow is not steady in the tapers, though it has the same v_r there: with
-[damping] over them the outer taper feeds the disc, and the inner one drains it.
+Gas rotates in balance with the forces (`balance.py`) and moves inwards with v_r = -3 nu / (2 r) (Lynden-Bell & Pringle
+1974). The edges have the tapers of a `disc`. In the tapers v_r is the same, but the flow is not steady. With [damping]
+zones over the tapers, the outer taper supplies the disc with gas, and the inner taper removes it.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class Steady(balance.Settled):
 
 
 def accretion_rate(scene: Scene) -> float:
-    """Return Mdot in code units."""
+    """Return the accretion rate Mdot in code units, from its key or from surface_density."""
     start: Any = scene.initial
     if start.accretion_rate is not None:
         return float(start.accretion_rate)
@@ -76,7 +76,7 @@ def reference_density(scene: Scene) -> float:
     return float(accretion_rate(scene) / (3.0 * np.pi * nu[0]))
 
 
-def _one_scale(draft: Draft) -> Iterator[Problem]:
+def _has_one_scale(draft: Draft) -> Iterator[Problem]:
     scales = ("surface_density", "accretion_rate")
     given = [key for key in scales if getattr(draft.initial, key) is not None]
     if len(given) != 1:
@@ -84,7 +84,7 @@ def _one_scale(draft: Draft) -> Iterator[Problem]:
         yield ("initial", *given[-1:]), f"{wrong}; expected exactly one of {', '.join(scales)}"
 
 
-def _viscous_everywhere(draft: Draft) -> Iterator[Problem]:
+def _is_viscous_everywhere(draft: Draft) -> Iterator[Problem]:
     keys = draft.alpha_viscosity
     for key in ("inner_alpha", "outer_alpha", "dead_alpha"):
         if keys and getattr(keys, key) == 0.0:
@@ -105,8 +105,8 @@ START = Start(
         needs_a_viscosity,
         disc.has_edges_in_space,
         disc.has_dust_within,
-        _one_scale,
-        _viscous_everywhere,
+        _has_one_scale,
+        _is_viscous_everywhere,
         balance.relaxes_gas,
     ),
     kernel="wendland-c2",

@@ -1,12 +1,12 @@
-"""Radial support of a disc: no rotation is in balance where pressure pushes out more than gravity pulls in.
+"""Radial support of a disc: where pressure pushes out more than gravity pulls in, no rotation balances the forces.
 
-    x = (1/Sigma) |dP/dr| / g,    v_phi = v_K (1 - x)^(1/2)                                                  (1)
+    x = -(1/Sigma) dP/dr / g,    v_phi = v_K (1 - x)^(1/2)                                                   (1)
 
-with g the inward pull, v_K^2 = g r, and 0 < x where the pressure falls outwards. x is proportional to (H/r)^2, so
-that x < 1 is an upper bound of H/r. The disc is that of a start, or a given one ([background]) between the radii where
-its dust begins. In discs with a star, self-gravity is taken as twice the pull of the mass within r, an upper bound
-except at the edge of a disc. Discs without a star are checked when a run sets their velocities
-(`initial/balance.py`).
+g: inward acceleration by gravity. v_K^2 = g r. x is positive where the pressure falls outwards, and proportional to
+(H/r)^2, so that x < 1 is an upper bound of H/r. The disc is the gas of a start, or the prescribed gas of [background]
+between the radii where its dust begins. In discs with a star, self-gravity is taken as twice the pull of the mass
+within r, an upper bound except at the edge of a disc. Discs without a star are checked when a run sets their
+velocities (`initial/balance.py`).
 """
 
 from __future__ import annotations
@@ -29,15 +29,20 @@ if TYPE_CHECKING:
 growth = Lazy("discsim.physics.growth")
 Array = np.ndarray
 RADII = 2000  # sample radii
-TINY = 1e-3  # mass fraction of gas allowed without balance, at an edge: it falls in without effect on the disc
-SLOW, MANY = 0.9, 0.01  # a warning is given if more than MANY of the mass rotates below SLOW v_K
-TEMPERATURES = {"aspect_ratio": 1.0, "sound_speed": 1.0, "constant": 2.0}  # keys, and their powers of c_s
-MOST = 0.1  # mass fraction of a species allowed without balance: at an inner edge self-gravity pulls outwards
-TWICE = 2.0  # pull of self-gravity over that of the mass within a radius
+MAX_UNBOUND = 1e-3  # largest mass fraction of gas with x >= 1: at an edge it falls in without effect on the disc
+# A warning is given if more than the mass fraction MAX_SLOW rotates below SLOW_ROTATION v_K.
+SLOW_ROTATION, MAX_SLOW = 0.9, 0.01
+TEMPERATURE_KEYS = {"aspect_ratio": 1.0, "sound_speed": 1.0, "constant": 2.0}  # keys of the temperature ~ c_s^value
+# Largest mass fraction of a species without balance in a run: at an inner edge self-gravity pulls outwards.
+MAX_FALLING = 0.1
+SELF_GRAVITY_FACTOR = 2.0  # pull of self-gravity over the pull of the mass within a radius
 
 
 class Support(NamedTuple):
-    """Profiles (n,) of the disc: push is x of eq. (1), aspect H/r, share the mass fraction, strength r^2 g."""
+    """Profiles (n,) of a disc: `push` is x of eq. (1) of this module, `aspect` H/r and `strength` r^2 g.
+
+    share: fraction of the gas mass at each radius; with [background], equal fractions.
+    """
 
     radius: Array
     push: Array
@@ -47,19 +52,19 @@ class Support(NamedTuple):
 
 
 def support(scene: Scene) -> Support | None:
-    """Return x of the scene's disc; None if it has no disc about a star, or no gas."""
+    """Return the profiles of the scene's disc; None without a disc about a star, or without gas."""
     start = None if scene.initial is None else start_of(scene)
     if start is None or start.radial is None or scene.star is None:
         return None
     if scene.gas is None and scene.model.given is None:
         return None
     with np.errstate(all="ignore"):  # extreme numbers are refused when particles are made
-        found = _given(scene) if scene.model.given is not None else _of_gas(scene)
+        found = _support_of_background(scene) if scene.model.given is not None else _support_of_gas(scene)
     finite = np.isfinite(found.push) & np.isfinite(found.aspect)
     return Support(*(values[finite] for values in found)) if finite.any() else None
 
 
-def _given(scene: Scene) -> Support:
+def _support_of_background(scene: Scene) -> Support:
     disc, edges = scene.model.given(scene), start_of(scene).edges
     assert edges is not None
     r = np.geomspace(*edges(scene), RADII)
@@ -68,13 +73,13 @@ def _given(scene: Scene) -> Support:
     return Support(r, disc.pressure_slope(r) * aspect**2, aspect, np.full(RADII, 1.0 / RADII), r * r * pull)
 
 
-def _of_gas(scene: Scene) -> Support:
+def _support_of_gas(scene: Scene) -> Support:
     disc = profile.radial(scene)
     r = disc.inner + (disc.outer - disc.inner) * (np.arange(RADII) + 0.5) / RADII
     density = disc.surface_density(r)
     pull = kepler_omega(scene, r) ** 2 * r
     if scene.self_gravity is not None:
-        pull = pull + TWICE * disc.mass_within(r) / (r * r)
+        pull = pull + SELF_GRAVITY_FACTOR * disc.mass_within(r) / (r * r)
     push = disc.pressure_acceleration(r) / pull
     if scene.table("growth") is not None and growth.small_dust_in_mass(scene):
         push = push / (1.0 + growth.small_at(scene, r, disc.dust_share))
@@ -84,17 +89,17 @@ def _of_gas(scene: Scene) -> Support:
 
 
 def faults(scene: Scene) -> Iterator[Problem]:
-    """Yield a problem of the temperature if more of the disc than TINY, at its edge, has no rotation in balance."""
+    """Yield a problem of the temperature if too much of the disc has no rotation in balance (`_is_unbound`)."""
     found = _support_if_finite(scene)
-    if found is None or not _unbound(scene, found):
+    if found is None or not _is_unbound(scene, found):
         return
     worst = int(np.argmax(np.where(found.share > 0.0, found.push, -np.inf)))
-    bound = _bound(scene, found, worst)
+    bound = _largest_aspect(scene, found, worst)
     below = math.floor(100.0 * bound) / 100.0 if bound >= 0.1 else float(f"{0.995 * bound:.2g}")
     where = scene.units.show(found.radius[worst], "length")
-    other = "".join(f", or a wider background.{name}" for name in _parts(scene))
+    other = "".join(f", or a wider background.{name}" for name in _steepening_features(scene))
     yield (
-        _path(scene),
+        _temperature_key(scene),
         f"H/r is {found.aspect[worst]:.3g} at r = {where}, where pressure exceeds gravity: no "
         f"circular orbit exists; expected H/r < {below:g} there{other}",
     )
@@ -107,41 +112,48 @@ def _support_if_finite(scene: Scene) -> Support | None:
         return None
 
 
-def _unbound(scene: Scene, found: Support) -> bool:
-    """Return whether too much gas has no balance: more than TINY, or any of a given disc, as its dust drifts there."""
+def _is_unbound(scene: Scene, found: Support) -> bool:
+    """Return whether too much gas has x >= 1: more than the mass fraction MAX_UNBOUND.
+
+    With [background] any such gas is too much, because its dust drifts there.
+    """
     share = float(found.share[found.push >= 1.0].sum())
-    return share > (TINY if scene.model.given is None else 0.0)
+    return share > (MAX_UNBOUND if scene.model.given is None else 0.0)
 
 
-def _table(scene: Scene) -> str:
+def _gas_table(scene: Scene) -> str:
     return "gas" if scene.gas is not None else "background"
 
 
-def _path(scene: Scene) -> tuple[str, ...]:
-    """Return the key that sets the temperature."""
-    eos = scene.table(_table(scene)).eos
+def _temperature_key(scene: Scene) -> tuple[str, ...]:
+    """Return the path of the key that sets the temperature."""
+    eos = scene.table(_gas_table(scene)).eos
     own = getattr(scene.initial if scene.gas is not None else scene.background, "file", None)
     if own is not None and own.has("T"):
         return ("initial", "file") if scene.gas is not None else ("background", "file")
-    return (_table(scene), "eos", next((key for key in TEMPERATURES if getattr(eos, key, None) is not None), "kind"))
+    return (
+        _gas_table(scene),
+        "eos",
+        next((key for key in TEMPERATURE_KEYS if getattr(eos, key, None) is not None), "kind"),
+    )
 
 
-def _bound(scene: Scene, found: Support, worst: int) -> float:
-    """Return the largest H/r at radius `worst` for which the whole disc is in balance.
+def _largest_aspect(scene: Scene, found: Support, worst: int) -> float:
+    """Return the largest H/r for which the whole disc is in balance, at the radius with index `worst`.
 
-    The temperature is scaled by one factor at all radii.
+    The temperature is scaled by the same factor at all radii.
     """
-    path = _path(scene)
-    if path[-1] not in TEMPERATURES:
+    path = _temperature_key(scene)
+    if path[-1] not in TEMPERATURE_KEYS:
         return float(found.aspect[worst] / found.push[worst] ** 0.5)
     table = scene.table(path[0])
     value = getattr(table.eos, path[2])
 
     def stands(factor: float) -> bool:
-        eos = table.eos.model_copy(update={path[2]: value * factor ** TEMPERATURES[path[2]]})
+        eos = table.eos.model_copy(update={path[2]: value * factor ** TEMPERATURE_KEYS[path[2]]})
         cooler = scene.model_copy(update={path[0]: table.model_copy(update={"eos": eos})})
         again = support(cooler)
-        return again is not None and not _unbound(cooler, again)
+        return again is not None and not _is_unbound(cooler, again)
 
     low, high = 0.0, 1.0
     for _ in range(30):
@@ -151,18 +163,18 @@ def _bound(scene: Scene, found: Support, worst: int) -> float:
 
 
 def warnings(scene: Scene) -> Iterator[str]:
-    """Yield warnings of gas far below Keplerian rotation, and of a given disc unstable by Rayleigh's criterion."""
+    """Yield warnings of gas that rotates far below Keplerian, and of prescribed gas that is Rayleigh unstable."""
     found = _support_if_finite(scene)
     if found is None:
         return
     speed = np.sqrt(np.maximum(1.0 - found.push, 0.0))
-    slow = float(found.share[speed < SLOW].sum())
-    if slow > (MANY if scene.model.given is None else 0.0):
+    slow = float(found.share[speed < SLOW_ROTATION].sum())
+    if slow > (MAX_SLOW if scene.model.given is None else 0.0):
         at = int(np.argmin(np.where(found.share > 0.0, speed, np.inf)))
         where = scene.units.show(found.radius[at], "length")
         yield (
-            f"the gas rotates at {speed[at]:.2f} times the Keplerian velocity at {where}, below {SLOW:g}, where the "
-            f"pressure falls steeply: estimates for thin discs are wrong by as much; {_cure(scene)}"
+            f"the gas rotates at {speed[at]:.2f} times the Keplerian velocity at {where}, below {SLOW_ROTATION:g}, "
+            f"where the pressure falls steeply: estimates for thin discs are wrong by as much; {_remedy(scene)}"
         )
     if scene.model.given is not None:
         with np.errstate(all="ignore"):
@@ -172,17 +184,17 @@ def warnings(scene: Scene) -> Iterator[str]:
             ends = (scene.units.show(found.radius[i], "length") for i in (falls[0], falls[-1] + 1))
             yield (
                 f"the angular momentum of the given gas falls outwards between {' and '.join(ends)}: such a disc "
-                f"is unstable (Rayleigh's criterion), and dust has no steady drift there; {_cure(scene)}"
+                f"is unstable (Rayleigh's criterion), and dust has no steady drift there; {_remedy(scene)}"
             )
 
 
-def _parts(scene: Scene) -> list[str]:
-    """Return the features of a given disc that steepen its pressure beyond the power law."""
+def _steepening_features(scene: Scene) -> list[str]:
+    """Return the optional tables of [background], "gap" and "bump", that the scene has; they steepen the pressure."""
     return [name for name in ("gap", "bump") if getattr(scene.background, name, None) is not None]
 
 
-def _cure(scene: Scene) -> str:
-    wider = [f"widen background.{name}" for name in _parts(scene)]
+def _remedy(scene: Scene) -> str:
+    wider = [f"widen background.{name}" for name in _steepening_features(scene)]
     return (
         f"{' and '.join(wider)}, or lower H/r" if wider else "lower H/r, or choose smoother edges and a smoother Sigma"
     )

@@ -1,9 +1,9 @@
-"""A disc whose Sigma(r) and, optionally, T(r), dust-to-gas ratio and resolution are columns of a file
+"""table: a disc whose Sigma(r) and, optionally, T(r), dust-to-gas ratio and resolution are columns of a file
 (`scene/columns.py`).
 
-Particles are on rings (`rings.py`) from the first to the last radius of the file; the resolution is the number of gas
-particles per mass, up to a factor. They rotate in balance (`balance.py`) with the pressure force
--(1/Sigma) dP/dr = -(c_s^2 / r) d ln P / d ln r of the smooth columns.
+Particles are on rings (`rings.py`) from the first to the last radius of the file. The number of gas particles per mass
+is proportional to the column resolution. Particles rotate in balance (`balance.py`) with the pressure force
+-(1/Sigma) dP/dr = -(c_s^2 / r) d ln P / d ln r, from the interpolated columns.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from discsim.initial import balance, rings
 from discsim.initial.base import Places, Start
 from discsim.initial.disc import has_dust_within, has_edges_in_space, needs_a_centre
 from discsim.initial.disc import warnings as room
-from discsim.initial.own import MASSES
+from discsim.initial.own import MAX_MASS_RATIO
 from discsim.parts import EOS
 from discsim.physics import profile
 from discsim.physics.centre import kepler_omega
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from discsim.scene.rules import Draft, Problem
 
 Array = np.ndarray
-FAR = 0.05  # relative difference of the sound speeds of table and gas.eos above which a warning is given
+MAX_DIFFERENCE = 0.05  # a warning is given if the sound speeds of table and gas.eos differ by more than this fraction
 
 
 class FromTable(balance.Settled):
@@ -69,7 +69,7 @@ class FromTable(balance.Settled):
 
 
 def thermal_speed(scene: Scene, r: Array) -> Array | None:
-    """Return sqrt(P / Sigma) (n,) of the column T at radii (n,); None if there is no such column."""
+    """Return sqrt(P / Sigma) (n,) at radii (n,) from the column T; None if there is no such column."""
     file: Any = scene.initial.file
     if not file.has("T"):
         return None
@@ -86,7 +86,7 @@ def radial(scene: Scene) -> profile.Radial:
         speed2 = profile.sound_speed(scene, r, file.value("Sigma", r)) ** 2
         cooler = -file.slope("T", r) if file.has("T") else eos_of(scene).temperature_slope(scene.gas.eos)
         out = speed2 / r * (cooler - file.slope("Sigma", r))
-        # As for a taper: no rotation balances a decline of Sigma within less than H = c_s / Omega.
+        # As in a taper: no rotation balances a decline of Sigma over a length below H = c_s / Omega.
         steepest = np.sqrt(speed2) * kepler_omega(scene, r) if scene.star else np.inf
         return np.clip(out, -steepest, steepest)
 
@@ -110,7 +110,7 @@ def reference_density(scene: Scene) -> float:
 
 
 def places(scene: Scene) -> Places:
-    """Return the gas at the edges and in the middle."""
+    """Return the gas at both edges and in the middle of the disc."""
     file: Any = scene.initial.file
     radius = np.array([file.inner, 0.5 * (file.inner + file.outer), file.outer])
     names = [scene.units.show(r, "length") for r in radius]
@@ -125,7 +125,7 @@ def spread(scene: Scene) -> tuple[Places, Array]:
 
 
 def relative_mass(scene: Scene, r: Array) -> Array | None:
-    """Return the mass of a gas particle at radii (n,) over the mean of all; None if all have the same."""
+    """Return the mass of a gas particle at radii (n,) over the mean mass; None if all masses are equal."""
     disc = radial(scene)
     if disc.resolution is None:
         return None
@@ -144,14 +144,14 @@ def warnings(scene: Scene) -> Iterator[str]:
     of_scene = eos_of(scene).scene_speed(scene, r)
     ratio = thermal_speed(scene, r) / of_scene
     worst = int(np.argmax(np.abs(np.log(ratio))))
-    if abs(ratio[worst] - 1.0) > FAR:
+    if abs(ratio[worst] - 1.0) > MAX_DIFFERENCE:
         yield (
             f"T of initial.file makes H/r {ratio[worst]:.3g} times that of gas.eos at "
             f"{scene.units.show(r[worst], 'length')}, and T is used: leave the column out, or adapt gas.eos"
         )
 
 
-def has_a_use_for_t(draft: Draft) -> Iterator[Problem]:
+def uses_temperature(draft: Draft) -> Iterator[Problem]:
     if not draft.initial.brings_temperature or not draft.gas:
         return
     kinds = [name for name in EOS if EOS[name].takes_temperature]
@@ -161,16 +161,19 @@ def has_a_use_for_t(draft: Draft) -> Iterator[Problem]:
         yield ("initial", "file"), f"{wrong}; expected gas.eos.kind = {words}, or no column T"
 
 
-def has_masses_to_sum(draft: Draft) -> Iterator[Problem]:
+def has_summable_masses(draft: Draft) -> Iterator[Problem]:
     file = draft.initial.file
     if draft.gas and file.has("resolution"):
         times = file.values["resolution"].max() / file.values["resolution"].min()
-        if times > MASSES:
+        if times > MAX_MASS_RATIO:
             wrong = f"the column resolution varies by a factor of {times:.3g}"
-            yield ("initial", "file"), f"{wrong}; expected a factor of at most {MASSES:g}, for accurate SPH sums"
+            yield (
+                ("initial", "file"),
+                f"{wrong}; expected a factor of at most {MAX_MASS_RATIO:g}, for accurate SPH sums",
+            )
 
 
-def has_a_ratio_of_dust(draft: Draft) -> Iterator[Problem]:
+def has_dust_ratio(draft: Draft) -> Iterator[Problem]:
     for i, dust in enumerate(draft.dust or ()):
         inner = max(dust.inner or 0.0, draft.initial.inner)
         outer = min(dust.outer or np.inf, draft.initial.outer)
@@ -193,9 +196,9 @@ START = Start(
         has_edges_in_space,
         needs_a_centre,
         has_dust_within,
-        has_a_use_for_t,
-        has_a_ratio_of_dust,
-        has_masses_to_sum,
+        uses_temperature,
+        has_dust_ratio,
+        has_summable_masses,
         balance.relaxes_gas,
     ),
     kernel="wendland-c2",

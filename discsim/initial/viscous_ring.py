@@ -1,7 +1,7 @@
-"""viscous-ring: the ring of Lynden-Bell & Pringle (1974) at a viscous time tau = 12 nu t / R^2, in balance.
+"""viscous-ring: the ring of Lynden-Bell & Pringle (1974) at a viscous time tau = 12 nu t / R^2.
 
-If nu is uniform, by a given nu or by the index of alpha, the exact solution is `exact/spreading_ring.py`. Gas moves
-radially with the flow that its viscosity drives.
+R: initial radius of the ring. Gas rotates in balance with the forces (`balance.py`), and its radial velocity is the
+flow that viscosity drives. If nu is uniform, the exact solution is that of `exact/spreading_ring.py`.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ if TYPE_CHECKING:
     from discsim.scene import Scene
     from discsim.scene.rules import Draft, Problem
 
-FAINT = 1e-5  # Sigma over its maximum below which the ring is cut off
-EVEN = 1e-6  # relative variation up to which nu counts as uniform
-BINS = 40  # radial bins of the error
+MIN_RELATIVE_DENSITY = 1e-5  # Sigma over its maximum below which the ring is cut off
+MAX_VARIATION = 1e-6  # largest relative variation of a nu that counts as uniform
+ERROR_BINS = 40  # number of radial bins in the error measure
 
 
 class ViscousRing(balance.Settled):
@@ -54,12 +54,12 @@ class ViscousRing(balance.Settled):
 
     def _edges(self) -> tuple[float, float]:
         x = np.linspace(0.02, 1.0 + 4.0 * self.tau**0.5, 2001)
-        bright = x[(sigma := spreading_ring.surface_density(x, self.tau)) > FAINT * sigma.max()]
+        bright = x[(sigma := spreading_ring.surface_density(x, self.tau)) > MIN_RELATIVE_DENSITY * sigma.max()]
         return self.radius * float(bright[0]), self.radius * float(bright[-1])
 
 
 def radial(scene: Scene) -> profile.Radial:
-    """Return the ring as functions of radius."""
+    """Return the ring at t = 0 as functions of radius."""
     start: Any = scene.initial
     inner, outer = start.inner, start.outer
 
@@ -78,14 +78,14 @@ def places(scene: Scene) -> Places:
     return Places(names, profile.radial(scene).surface_density(radius), radius)
 
 
-def one_nu(scene: Scene) -> float | None:
-    """Return the ring's nu if it is uniform and constant, else None."""
+def uniform_nu(scene: Scene) -> float | None:
+    """Return the viscosity nu of the ring if it is uniform in space and constant in time, else None."""
     start: Any = scene.initial
     keys, gas = scene.table("alpha_viscosity"), scene.gas
     if keys.nu is None and (gas is None or gas.eos.kind == "adiabatic"):
         return None
     nu = viscosity.diffusivity(scene, start.radius * np.linspace(0.1, 3.0, 30))
-    return float(nu.mean()) if np.ptp(nu) <= EVEN * nu.mean() else None
+    return float(nu.mean()) if np.ptp(nu) <= MAX_VARIATION * nu.mean() else None
 
 
 def _tau(scene: Scene, time: float, nu: float) -> float:
@@ -93,26 +93,26 @@ def _tau(scene: Scene, time: float, nu: float) -> float:
 
 
 def measure(scene: Scene) -> ErrorMeasure | None:
-    nu = one_nu(scene)
+    nu = uniform_nu(scene)
     if nu is None or scene.dust:
         return None
 
     def errors(sim: Simulated) -> dict[str, float]:
         start: Any = scene.initial
         r = np.sqrt((sim.gas.pos**2).sum(axis=1))
-        edges = np.linspace(0.2, 2.0, BINS + 1) * start.radius
+        edges = np.linspace(0.2, 2.0, ERROR_BINS + 1) * start.radius
         found, _ = np.histogram(r, edges, weights=sim.gas.mass)
-        fine = np.linspace(edges[0], edges[-1], 50 * BINS + 1)
+        fine = np.linspace(edges[0], edges[-1], 50 * ERROR_BINS + 1)
         sigma = spreading_ring.surface_density(fine, _tau(scene, sim.time, nu), start.mass, start.radius)
         mass = np.pi * np.diff(fine**2) * 0.5 * (sigma[1:] + sigma[:-1])
-        wanted = mass.reshape(BINS, -1).sum(axis=1)
+        wanted = mass.reshape(ERROR_BINS, -1).sum(axis=1)
         return {"gas": float(np.abs(found - wanted).sum() / wanted.sum())}
 
     return ErrorMeasure("fraction of the gas mass displaced relative to the exact solution", errors)
 
 
 def curves(scene: Scene, time: float, r: Array) -> dict[str, Curve]:
-    nu = one_nu(scene)
+    nu = uniform_nu(scene)
     if nu is None or scene.dust:
         return {}
     start: Any = scene.initial
@@ -129,7 +129,7 @@ def needs_a_viscosity(draft: Draft) -> Iterator[Problem]:
 
 def warnings(scene: Scene) -> Iterator[str]:
     yield from disc.warnings(scene)
-    if one_nu(scene) is None:
+    if uniform_nu(scene) is None:
         yield (
             "nu is not uniform, so this ring has no known exact solution: give alpha_viscosity.nu, "
             "or an alpha_viscosity.index of (temperature index) - 1.5"

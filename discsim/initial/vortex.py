@@ -1,4 +1,4 @@
-"""Gresho's vortex in the middle of a periodic box (`exact/gresho.py`); dust rotates with the gas."""
+"""vortex: Gresho's vortex in the middle of a periodic box (`exact/gresho.py`); dust rotates with the gas."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def particles(scene: Scene) -> dict[str, Arrays]:
 
 
 def _about_middle(scene: Scene, pos: Array) -> tuple[Array, Array]:
-    """Return positions (n, 2) relative to the middle of the box, and their distances (n,) from it, above 0."""
+    """Return positions (n, 2) relative to the middle of the box, and distances (n,) > 0 from the middle."""
     away = pos - 0.5 * np.array(scene.space.size)
     return away, np.maximum(np.sqrt((away**2).sum(axis=1)), 1e-300)
 

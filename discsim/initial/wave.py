@@ -1,6 +1,9 @@
-"""A wave A sin(k x) in the densities and velocities of gas and dust (DustyWave; Laibe & Price 2011).
+"""wave: a plane wave in the densities and velocities of gas and dust (DustyWave; Laibe & Price 2011).
 
-rho = 1 + A sin(k.x), v = u = boost + A sin(k.x) k/|k|, in code units; k = 2 pi wavenumber (direction / size).
+    rho / rho_0 = 1 + A sin(k.x),    v = u = v_0 + A sin(k.x) k / |k|,    k = 2 pi wavenumber (direction / size)
+
+in code units. v: velocity of gas. u: velocity of dust. v_0 = `initial.velocity`. rho_0 is 1 for gas and the
+dust-to-gas ratio for dust.
 """
 
 from __future__ import annotations
@@ -92,7 +95,7 @@ def measure(scene: Scene) -> ErrorMeasure | None:
 
 
 def curves(scene: Scene, time: float, x: Array) -> dict[str, Curve]:
-    """Return exact curves if drag is that of the exact wave: one population, a uniform rate, and two-way drag."""
+    """Return the exact curves of gas and dust; none unless drag is two-way with one population and a uniform rate."""
     start, drag = scene.initial, scene.drag
     if scene.gas is None or not eos_of(scene).one_speed or drag is None:
         return {}

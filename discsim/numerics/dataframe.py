@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from discsim.parts import command_of_extra
+from discsim.parts import install_command
 
 COLUMN_PREFIXES = {"pos": "", "vel": "v", "acc": "a"}  # column x of vel is vx
 AXES = "xy"
@@ -23,7 +23,7 @@ def dataframe_of(arrays: Mapping[str, np.ndarray]) -> Any:
         import pandas
     except ImportError as error:
         needed = "to_pandas() needs pandas, which is not installed"
-        raise ImportError(f"{needed}; expected {command_of_extra('pandas')}") from error
+        raise ImportError(f"{needed}; expected {install_command('pandas')}") from error
     columns: dict[str, np.ndarray] = {}
     for name, array in arrays.items():
         if name == "ids":

@@ -29,7 +29,7 @@ from discsim.physics.grains import own_sizes
 from discsim.physics.orbits import Orbits, UnderWay
 from discsim.scene import SceneError, load_scene
 from discsim.scene.differences import FREE_TO_CHANGE, differences
-from discsim.scene.fields import Count, InputFile, Length, Table, Words, fault
+from discsim.scene.fields import AllowedValues, Count, InputFile, Length, Table, fault
 
 if TYPE_CHECKING:
     from discsim.numerics.state import State
@@ -98,7 +98,7 @@ class FromSnapshot(Table):
 
     kind: Literal["snapshot"] = KIND
     file: Annotated[
-        Any, BeforeValidator(_validated_file), Words("path of a snapshot, relative to the scene's folder")
+        Any, BeforeValidator(_validated_file), AllowedValues("path of a snapshot, relative to the scene's folder")
     ] = Field(description="snapshot whose particles the run starts with; the scene's particle numbers are not used")
     refine: Count = Field(1, ge=1, le=MAX_FACTOR, description="number of particles that replace each particle")
     thin: Count = Field(1, ge=1, le=MAX_FACTOR, description="number of particles merged into one")

@@ -24,7 +24,7 @@ import numpy as np
 from discsim.numerics.dataframe import dataframe_of
 from discsim.output.fields.values import is_periodic
 from discsim.output.layout import GROUPS, PLAIN_UNITS
-from discsim.parts import command_of_extra
+from discsim.parts import install_command
 
 if TYPE_CHECKING:
     from discsim.output.snapshot import Snapshot, SnapshotParticles
@@ -109,7 +109,7 @@ def _import_tool(snap: Snapshot, name: str) -> Any:
         return import_module(name)
     except ImportError as error:
         needed = f"to_{name}() needs {name}, which is not installed"
-        raise ImportError(f"{needed}; expected {command_of_extra('tools')}") from error
+        raise ImportError(f"{needed}; expected {install_command('tools')}") from error
 
 
 def _particles_by_kind(snap: Snapshot) -> dict[str, SnapshotParticles]:

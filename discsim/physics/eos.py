@@ -19,7 +19,7 @@ from pydantic import AfterValidator, Field
 
 from discsim.parts import EOS, STARTS, Lazy
 from discsim.physics.centre import passive_speed
-from discsim.scene.fields import STEEPEST, Length, Measure, Number, Table, Velocity, fault
+from discsim.scene.fields import MAX_GAMMA, Length, Measure, Number, Table, Velocity, fault
 from discsim.scene.rules import Draft, Problem, Rule
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ class Adiabatic(Table):
     """P = (gamma - 1) rho u; the start has the sound speed of one of the isothermal kinds."""
 
     kind: Literal["adiabatic"] = "adiabatic"
-    gamma: Number = Field(gt=1, le=STEEPEST, description="ratio of specific heats")
+    gamma: Number = Field(gt=1, le=MAX_GAMMA, description="ratio of specific heats")
     sound_speed: Velocity | None = Field(None, gt=0, description="uniform sound speed at the start")
     aspect_ratio: Number | None = Field(
         None, gt=0, description="H/r at reference_radius at the start, instead of sound_speed"
@@ -74,7 +74,7 @@ class Polytropic(Table):
     """P = constant rho^gamma."""
 
     kind: Literal["polytropic"] = "polytropic"
-    gamma: Annotated[Number, AfterValidator(_not_isothermal)] = Field(gt=0, le=STEEPEST, description="exponent gamma")
+    gamma: Annotated[Number, AfterValidator(_not_isothermal)] = Field(gt=0, le=MAX_GAMMA, description="exponent gamma")
     constant: Annotated[float, Measure("polytropic_constant")] = Field(
         gt=0, description="polytropic constant P / rho^gamma"
     )

@@ -22,7 +22,7 @@ from discsim.output.fields.base import PlotError
 from discsim.output.fields.look import Look
 from discsim.output.files import refuse_special, replace_atomically
 from discsim.output.snapshot import files_of
-from discsim.parts import command_of_extra
+from discsim.parts import install_command
 from discsim.plot import compose, pictures
 from discsim.plot.compose import PanelFigure
 from discsim.plot.sources import NamedSnapshot, read_for_fields, run_directory, run_name, times_of
@@ -119,7 +119,7 @@ def writer_of(path: Path) -> Callable[[Path, Iterator[Image.Image], float], None
     if path.suffix.lower() != ".mp4":
         raise PlotError(f"{path}: unknown film format; expected a name that ends in .mp4 or .gif")
     if not find_spec("imageio_ffmpeg"):
-        remedy = f"-o NAME.gif, or {command_of_extra('movie')}"
+        remedy = f"-o NAME.gif, or {install_command('movie')}"
         raise PlotError(f"{path}: mp4 needs imageio-ffmpeg, which is not installed; expected {remedy}")
     return _write_mp4
 

@@ -1,1 +1,1 @@
-"""Estimates for a scene before it runs: derived numbers, warnings, forecast and accuracy; and the reference of keys."""
+"""Estimates for a scene before it runs: derived numbers, warnings, forecast, accuracy. Also the reference of keys."""

@@ -1,15 +1,18 @@
 """Estimated errors of a scene with its settings, from measurements of `docs/accuracy.md` and from earlier searches.
 
-    pressure    error of its mean force about 0.02 (h / 0.32 H)^2, of second order     (`analysis/drift.py`)
-    alpha       of artificial viscosity and noise: eq. (5) of `physics/viscosity.py`   (`analysis/noise.py`)
-    step        energy of a disc changes by about 3e-3 (C / 0.8)^2.4 over three orbits, C the Courant factor
-                                                                                       (`analysis/cost_of_accuracy.py`)
-    gravity     error of forces up to 0.003 (2 cells / softening)^2                    (`analysis/forces.py`)
-    precision   of the gas: rms error over the rms of forces                           (docs/physics/gas.md)
-    drag        of the default scheme: about 0.02 (s / H)^7 for cells of side s        (`analysis/drift_cells.py`)
+    pressure    relative error of the mean force, about 0.02 (h / 0.32 H)^2            (`analysis/drift.py`)
+    alpha       alpha of artificial viscosity and noise: eq. (5) of
+                `physics/viscosity.py`                                                 (`analysis/noise.py`)
+    step        relative change of a disc's energy over three orbits, about
+                3e-3 (C / 0.8)^2.4 with the Courant factor C                           (`analysis/cost_of_accuracy.py`)
+    gravity     relative error of forces, up to 0.003 (2 cells / softening)^2          (`analysis/forces.py`)
+    precision   rms error of gas forces over the rms of these forces                   (docs/physics/gas.md)
+    drag        relative error of the dust drift with the default scheme, about
+                0.02 (s / H)^7 for cells of side s                                     (`analysis/drift_cells.py`)
 
-Each figure is from one ring or disc at full resolution, and gives the order of magnitude for other scenes. `discsim
-cost --error` stores the errors of its runs (`learn`), which are shown for scenes with the same tables.
+h: smoothing length. H: scale height. Each figure is from one ring or disc at full resolution, and gives the order of
+magnitude for other scenes. `discsim cost --error` stores the errors of its runs (`store_error`). They are shown for
+scenes with the same values of all keys that affect the result.
 """
 
 from __future__ import annotations
@@ -33,22 +36,22 @@ from discsim.scene import Scene
 from discsim.scene.differences import FREE_TO_CHANGE
 
 self_gravity = Lazy("discsim.effects.self_gravity")
-KEPT = 300  # largest number of stored errors
+MAX_STORED = 300  # largest number of stored errors
 
 
 def accuracy(scene: Scene) -> list[tuple[str, str]]:
-    """Return name and text of each estimated error of the scene."""
+    """Return a row (name, value as text) for each estimated error of the scene."""
     if scene.initial is None:
         return []
     at = local(scene)
     with np.errstate(all="ignore"):  # infinities are shown as they are
-        rows = _measured(scene), _disc_rows(scene, at), _gravity_rows(scene, at), _precision_rows(scene)
+        rows = _measured_rows(scene), _disc_rows(scene, at), _gravity_rows(scene, at), _precision_rows(scene)
         return [row for some in (*rows, _exact_rows(scene)) for row in some]
 
 
-def _measured(scene: Scene) -> Iterator[tuple[str, str]]:
-    """Yield errors measured in runs with the same settings."""
-    for known in _kept():
+def _measured_rows(scene: Scene) -> Iterator[tuple[str, str]]:
+    """Yield a row (name, value as text) for each stored error of a run with the same settings."""
+    for known in _stored_errors():
         if known["scene"] == digest(scene):
             error, cpu = 100.0 * known["error"], known["cpu"]
             yield f"measured error ({known['measure']})", f"{error:.2g}%, in {cpu:.3g} s of CPU"
@@ -61,8 +64,8 @@ def _disc_rows(scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
     ratio = float(np.interp(0.5, below, by_mass))
     yield "median h/H of the gas", f"{ratio:.2g}"
     yield "error of the pressure force, about", f"{0.02 * (ratio / 0.32) ** 2:.1%}"
-    beside = (viscosity.artificial(scene, at) + viscosity.noise(scene, at)) / (at.resolution * at.thermal_speed)
-    alpha = ratio * float(np.median(beside))
+    relative_nu = (viscosity.artificial(scene, at) + viscosity.noise(scene, at)) / (at.resolution * at.thermal_speed)
+    alpha = ratio * float(np.median(relative_nu))
     yield "numerical alpha (viscosity, noise)", f"{float(f'{alpha:.1g}'):g}"
     if scene.run.timestep is None:
         orbits = (scene.run.until - start_time(scene)) * float(np.median(at.omega)) / (2.0 * np.pi)
@@ -105,7 +108,7 @@ def _exact_rows(scene: Scene) -> Iterator[tuple[str, str]]:
 
 
 def digest(scene: Scene) -> str:
-    """Return a hash of all keys of a scene on which its result depends, except the random seed."""
+    """Return a hash of the keys of a scene on which its result depends, without the random seed."""
     data: dict[str, Any] = tomllib.loads(scene.text)
     for name in (*FREE_TO_CHANGE, "run.seed"):
         table, _, key = name.rpartition(".")
@@ -114,8 +117,8 @@ def digest(scene: Scene) -> str:
     return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()[:16]
 
 
-def _kept() -> list[dict[str, Any]]:
-    return stored_runs.kept("errors", _is_entry)
+def _stored_errors() -> list[dict[str, Any]]:
+    return stored_runs.read_list("errors", _is_entry)
 
 
 def _is_entry(run: dict[str, Any]) -> bool:
@@ -127,8 +130,11 @@ def _is_entry(run: dict[str, Any]) -> bool:
     )
 
 
-def learn(scene: Scene, measure: str, error: float, cpu: float) -> None:
-    """Store the error and the CPU seconds of a run of a scene, if the cache can be written."""
+def store_error(scene: Scene, measure: str, error: float, cpu: float) -> None:
+    """Store the error of a run of the scene for later calls of `accuracy`, if the cache can be written.
+
+    measure: name of the error measure. error: relative error. cpu: CPU seconds of the run.
+    """
     own = {"scene": digest(scene), "measure": measure, "error": error, "cpu": cpu}
-    others = [run for run in _kept() if (run["scene"], run["measure"]) != (own["scene"], measure)]
-    stored_runs.keep("errors", [*others[1 - KEPT :], own])
+    others = [run for run in _stored_errors() if (run["scene"], run["measure"]) != (own["scene"], measure)]
+    stored_runs.write_list("errors", [*others[1 - MAX_STORED :], own])

@@ -9,17 +9,17 @@ from discsim.effects import effect_classes
 from discsim.preview.accuracy import accuracy
 from discsim.preview.derived import derived
 from discsim.preview.forecast import forecast, known_runs
-from discsim.preview.memory import too_much
+from discsim.preview.memory import memory_warnings
 from discsim.preview.warnings import warnings
 from discsim.scene import Scene
 from discsim.scene.fields import Table, measure_of
 from discsim.scene.units import Units, clock
 
-MOST = 0.95  # share of the steps above which the effect that sets them is named without its share
+DOMINANT_FRACTION = 0.95  # fraction of steps limited by one effect, above which the text does not mention that fraction
 
 
 def report(scene: Scene) -> str:
-    """Return the text of `discsim check`."""
+    """Return the text that `discsim check` prints for a scene."""
     parts = [
         [scene.title or "(untitled)"],
         ["units", *(f"  {line}" for line in _unit_lines(scene.units))],
@@ -27,7 +27,7 @@ def report(scene: Scene) -> str:
         ["derived numbers", *(f"  {name:<34} {value}" for name, value in derived(scene))],
         ["forecast", *(f"  {name:<34} {value}" for name, value in _forecast_rows(scene))],
         ["accuracy, estimated", *(f"  {name:<34} {value}" for name, value in _accuracy_rows(scene))],
-        ["warnings", *(f"  {line}" for line in [*too_much(scene), *warnings(scene)] or ["none"])],
+        ["warnings", *(f"  {line}" for line in [*memory_warnings(scene), *warnings(scene)] or ["none"])],
     ]
     return "\n\n".join("\n".join(part) for part in parts)
 
@@ -41,7 +41,8 @@ def _forecast_rows(scene: Scene) -> Iterator[tuple[str, str]]:
     yield "number of steps, about", f"{float(f'{steps.number:.2g}'):.0f}"
     yield (
         "time step set by",
-        f"{steps.by} {steps.where}".rstrip() + (f", in {steps.share:.0%} of the steps" if steps.share < MOST else ""),
+        f"{steps.by} {steps.where}".rstrip()
+        + (f", in {steps.share:.0%} of the steps" if steps.share < DOMINANT_FRACTION else ""),
     )
     if scene.space.dimensions == 1:
         yield "CPU time of the run, about", "seconds (one dimension)"
@@ -70,7 +71,10 @@ def _unit_lines(units: Units) -> Iterator[str]:
 
 
 def effect_lines(scene: Scene) -> Iterator[tuple[str, str]]:
-    """Yield name and keys, as text, of each effect of a scene, and of each table of an effect with several."""
+    """Yield a row (name, keys with values as text) for each effect of a scene.
+
+    An effect with several tables, such as [[dust]], has a row for each table.
+    """
     classes = effect_classes(scene)
     for name in scene.effects:
         first, _, second = name.partition(".")
@@ -78,24 +82,27 @@ def effect_lines(scene: Scene) -> Iterator[tuple[str, str]]:
         skip += tuple(other.removeprefix(f"{name}.") for other in scene.effects)  # effects with their own lines
         table = getattr(scene.table(first), second) if second else scene.table(first)
         for one in table if isinstance(table, tuple) else (table,):
-            yield name, _parameters(scene.units, one, skip)
+            yield name, _key_texts(scene.units, one, skip)
 
 
-def _parameters(units: Units, table: Table, skip: tuple[str, ...] = ()) -> str:
-    """Return the keys of a table and their values as text, except `skip`; inner tables by their kind or key."""
+def _key_texts(units: Units, table: Table, skip: tuple[str, ...] = ()) -> str:
+    """Return the keys of a table with their values, as text.
+
+    An inner table is named by its kind, or by its key if it has no kind. skip: keys to leave out.
+    """
     texts = []
     for key, field in type(table).model_fields.items():
         value = getattr(table, key)
         if isinstance(value, Table) and key not in skip:
-            texts.append(f"{getattr(value, 'kind', key)} ({_parameters(units, value)})")
+            texts.append(f"{getattr(value, 'kind', key)} ({_key_texts(units, value)})")
         elif value is not None and key != "kind" and key not in skip:
-            texts.append(f"{key} {_shown(units, value, measure_of(field), getattr(table, 'gamma', 1.0))}")
+            texts.append(f"{key} {_value_text(units, value, measure_of(field), getattr(table, 'gamma', 1.0))}")
     return ", ".join(texts)
 
 
-def _shown(units: Units, value: Any, measure: Any, gamma: float) -> str:
+def _value_text(units: Units, value: Any, measure: Any, gamma: float) -> str:
     if type(value) is tuple:
-        return "[" + ", ".join(_shown(units, entry, measure, gamma) for entry in value) + "]"
+        return "[" + ", ".join(_value_text(units, entry, measure, gamma) for entry in value) + "]"
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, float):

@@ -1,7 +1,9 @@
-"""Numbers derived from a scene at sample points: the edges and the middle of a disc, or the states of another start.
+"""Numbers derived from a scene at sample points: the edges and the middle of a disc, or a few points of another start.
 
-H = c_T / Omega, Q = c_s Omega / (pi G Sigma), h = eta (m/Sigma)^(1/d), St = t_stop Omega. Here c_s is the speed of
-sound waves, c_T = sqrt(P / Sigma) the thermal speed, and Omega the frequency of circles about the softened star.
+    H = c_T / Omega,    Q = c_s Omega / (pi G Sigma),    h = eta (m / Sigma)^(1/d),    St = t_stop Omega
+
+c_s: speed of sound waves. c_T = sqrt(P / Sigma): thermal speed. Omega: frequency of circular orbits about the softened
+star. m: mass of a gas particle. d: dimensions of space. t_stop: stopping time of the dust.
 """
 
 from __future__ import annotations
@@ -36,19 +38,22 @@ Array = np.ndarray
 
 
 def local(scene: Scene) -> Local:
-    """Return estimates of the gas at the representative points of the scene's start."""
+    """Return the properties of the gas at the sample points of the scene's start."""
     return local_at(scene, start_of(scene).places(scene))
 
 
 def local_at(scene: Scene, places: Places) -> Local:
-    """Return estimates of the gas at `places`; in a given disc, with the density of that disc."""
+    """Return the properties of the gas at the sample points `places`.
+
+    With [background], densities are those of the prescribed disc.
+    """
     if scene.model.given is not None and places.radius is not None:
         places = replace(places, density=scene.model.given(scene).surface_density(places.radius))
     radius, density = places.radius, places.density
     omega = kepler_omega(scene, radius) if scene.star and radius is not None else None
     sound = _sound_speed(scene, places)
     thermal = None if sound is None else sound / np.sqrt(_adiabatic_index(scene, density))
-    h = _smoothing(scene, places)
+    h = _smoothing_lengths(scene, places)
     fine = None if h is None else resolution(scene, h)
     step = None if h is None or sound is None else longest_step(scene, h, sound)
     nu = None if h is None else viscosity.at_places(scene, radius, thermal, h)
@@ -58,18 +63,18 @@ def local_at(scene: Scene, places: Places) -> Local:
     relative = np.ones_like(density) if places.relative_mass is None else places.relative_mass
     found = grid(scene)
     at = Local(
-        places.names, radius, density, sound, thermal, omega, h, fine, step, partial(_by_mass, scene),
-        lambda: _in_drag_cells(scene, at), relative, particle_mass, found[0] if found else None, places.jump,
+        places.names, radius, density, sound, thermal, omega, h, fine, step, partial(_resolution_by_mass, scene),
+        lambda: _drag_cells(scene, at), relative, particle_mass, found[0] if found else None, places.jump,
     )  # fmt: skip
     return at
 
 
-def _in_drag_cells(scene: Scene, at: Local) -> tuple[Array, Array, Array] | None:
+def _drag_cells(scene: Scene, at: Local) -> tuple[Array, Array, Array] | None:
     side = drag_cell_sides(scene, at)
     return None if side is None else (side, *drag_cell_counts(scene, at, side))
 
 
-def _by_mass(scene: Scene) -> tuple[Array, Array]:
+def _resolution_by_mass(scene: Scene) -> tuple[Array, Array]:
     places, weight = start_of(scene).all_over(scene)
     at = local_at(scene, places)
     assert at.resolution is not None and at.scale_height is not None
@@ -79,7 +84,7 @@ def _by_mass(scene: Scene) -> tuple[Array, Array]:
 
 
 def gas_mass(scene: Scene) -> float:
-    """Return the total mass of the gas, or without gas the mass to which the dust's ratio refers."""
+    """Return the total mass of the gas. Without gas: the mass of the virtual gas to which `dust.ratio` refers."""
     return start_of(scene).mass(scene)
 
 
@@ -89,31 +94,34 @@ def dust_masses(scene: Scene) -> list[float]:
 
 
 def stopping_times(scene: Scene, at: Local) -> list[Array]:
-    """Return the stopping time (n,) of each population at the places of `at`; an empty list if it is not defined."""
+    """Return the stopping times (n,) of each dust population at the sample points `at`.
+
+    The list is empty if the scene defines no stopping times.
+    """
     return laws.stopping_times(scene, at.density, at.thermal_speed, at.omega)
 
 
 def derived(scene: Scene) -> list[tuple[str, str]]:
-    """Return name and text of every derived number, in units of the scene."""
+    """Return a row (name, values as text) for each derived number, in units of the scene."""
     if scene.initial is None:
         return []
     at = local(scene)
     rows = [*_mass_rows(scene), ("at", ", ".join(at.places))]
     density = "surface density" if scene.space.dimensions == 2 else "density"
-    rows.append((f"{density} of the gas", _list(scene.units, at.density, "density")))
+    rows.append((f"{density} of the gas", _quantities_text(scene.units, at.density, "density")))
     if at.sound_speed is not None:
-        rows.append(("sound speed", _list(scene.units, at.sound_speed, "velocity")))
+        rows.append(("sound speed", _quantities_text(scene.units, at.sound_speed, "velocity")))
     if scene.model.cells and scene.gas:
         cell = scene.space.size[0] / scene.gas.particles
         rows.append(("fixed grid", f"{scene.gas.particles} cells of {scene.units.show(cell, 'length')}"))
     if at.h is not None:
-        rows.append(("smoothing length h", _list(scene.units, at.h, "length")))
+        rows.append(("smoothing length h", _quantities_text(scene.units, at.h, "length")))
     rows += [*_orbit_rows(scene, at), *_drag_rows(scene, at), *_grid_rows(scene)]
     return rows + effect_rows(scene)
 
 
 def effect_rows(scene: Scene) -> list[tuple[str, str]]:
-    """Return name and text of the derived numbers of effects, which the log of a run has too."""
+    """Return a row (name, values as text) for each derived number of an effect; run.log has them too."""
     if scene.initial is None:
         return []
     at = local(scene)
@@ -129,7 +137,7 @@ def _mass_rows(scene: Scene) -> Iterator[tuple[str, str]]:
         yield "mass of the gas", scene.units.show(mass, name)
         if not scene.model.cells:
             mean = mass / particle_count(scene, scene.gas)
-            yield "mass of a gas particle", _range(scene, mean, name)
+            yield "mass of a gas particle", _particle_mass_text(scene, mean, name)
     for i, (dust, mass) in enumerate(zip(scene.dust or (), dust_masses(scene), strict=True)):
         which = f" {i}" if len(scene.dust or ()) > 1 else ""
         yield f"mass of the dust{which}", scene.units.show(mass, name)
@@ -141,17 +149,20 @@ def _orbit_rows(scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
     if at.omega is None:
         return
     period = 2 * math.pi / at.omega
-    yield "orbital period", _list(scene.units, period, "time")
-    yield "number of orbits", _plain((scene.run.until - start_time(scene)) / period)
+    yield "orbital period", _quantities_text(scene.units, period, "time")
+    yield "number of orbits", _numbers_text((scene.run.until - start_time(scene)) / period)
     if at.scale_height is not None and at.sound_speed is not None:
-        yield "H/r", _plain(at.scale_height / at.radius)
+        yield "H/r", _numbers_text(at.scale_height / at.radius)
         if at.resolution is not None:
-            yield "h/H", _plain(at.resolution / at.scale_height)
-            yield "Toomre Q", _plain(at.toomre_q)
+            yield "h/H", _numbers_text(at.resolution / at.scale_height)
+            yield "Toomre Q", _numbers_text(at.toomre_q)
         slopes = profile.pressure_slopes(scene, at.radius)
         names = "headwind eta v_K", "headwind from midplane pressure"
         for name, slope in zip(names, slopes or (), strict=False):
-            yield name, _list(scene.units, 0.5 * slope * at.thermal_speed**2 / (at.radius * at.omega), "velocity")
+            yield (
+                name,
+                _quantities_text(scene.units, 0.5 * slope * at.thermal_speed**2 / (at.radius * at.omega), "velocity"),
+            )
 
 
 def _drag_rows(scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
@@ -163,15 +174,15 @@ def _drag_rows(scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
             which += " of the mean size"
         if i == 0 and (formula := LAWS[scene.drag.law].formula) is not None:
             yield "formula of the stopping time", formula(scene)
-        yield f"stopping time{which}", _list(scene.units, time, "time")
+        yield f"stopping time{which}", _quantities_text(scene.units, time, "time")
         if at.omega is not None:
-            yield f"Stokes number{which}", _plain(time * at.omega)
+            yield f"Stokes number{which}", _numbers_text(time * at.omega)
     side = drag_cell_sides(scene, at)
     if side is not None:
         counts = drag_cell_counts(scene, at, side)
-        yield "side of a drag cell", _list(scene.units, side, "length")
-        yield "gas particles in a drag cell", _plain(counts[0])
-        yield "dust particles in a drag cell", _plain(counts[1])
+        yield "side of a drag cell", _quantities_text(scene.units, side, "length")
+        yield "gas particles in a drag cell", _numbers_text(counts[0])
+        yield "dust particles in a drag cell", _numbers_text(counts[1])
 
 
 def _grid_rows(scene: Scene) -> Iterator[tuple[str, str]]:
@@ -188,7 +199,7 @@ def _grid_rows(scene: Scene) -> Iterator[tuple[str, str]]:
 
 
 def grid(scene: Scene) -> tuple[float, tuple[int, ...]] | None:
-    """Return the side of the grid's cells and their number along each axis; None if the run has no grid."""
+    """Return the side of a cell of the grid, and the number of cells along each axis. None: the run has no grid."""
     if not any(effect.role.grid for effect in effect_classes(scene).values()):
         return None
     first = (scene.gas,) if scene.gas else scene.dust or ()
@@ -197,14 +208,14 @@ def grid(scene: Scene) -> tuple[float, tuple[int, ...]] | None:
 
 
 def grid_bytes(scene: Scene, shape: tuple[int, ...]) -> int:
-    """Return the memory of all effects on the grid in bytes."""
+    """Return the memory in bytes that all effects together need for a grid of `shape` cells."""
     return sum(effect.grid_bytes(scene, shape) for effect in effect_classes(scene).values())
 
 
 def particle_count(scene: Scene, species: Any) -> int:
-    """Return the number of particles of the gas or a dust population, rounded to whole rows for a lattice in 2D.
+    """Return the number of particles that the start makes for `species`, the table of the gas or of a dust population.
 
-    Immobile particles beyond the ends of a tube or a layer are not counted.
+    A lattice in 2D has whole rows and columns. Immobile particles beyond the ends of a tube or a layer are not counted.
     """
     on_lattice = species.placement == "even" if hasattr(species, "placement") else True
     if scene.space.dimensions == 1 or not on_lattice or scene.initial is None or not start_of(scene).on_lattice:
@@ -213,9 +224,10 @@ def particle_count(scene: Scene, species: Any) -> int:
 
 
 def drag_cell_sides(scene: Scene, at: Local) -> Array | None:
-    """Return the sides (n,) of drag cells at the places of `at` at the start; None if drag has no cells.
+    """Return the sides (n,) of drag cells at the sample points `at` at the start; None if drag has no cells.
 
-    Cells too poor in particles are doubled once where the limit allows; further growth is not included.
+    The side of a cell with too few particles is doubled once, if the upper limit of sides allows it. In a run such a
+    cell can grow further.
     """
     found, drag = grid(scene), scene.drag
     cells: Cells | None = SCHEMES[drag.scheme].cells if drag else None
@@ -224,13 +236,13 @@ def drag_cell_sides(scene: Scene, at: Local) -> Array | None:
     cell, shape = found
     wanted, width = drag.cell_length, drag_width.Width(scene)
     if wanted is None:
-        mean, least = _range_of_lengths(scene, width)
+        mean, least = _mean_and_min_length(scene, width)
         wanted = cells.leaf(scene, width.number, lambda: mean, least)
     periodic = scene.space.boundary == "periodic"
     leaf, _ = leaves(width.rounded * wanted, cell, shape, periodic, particle_count(scene, scene.gas))
     side = limit = np.full_like(at.h, leaf)
     if width.number:
-        limit = width.number * _counted(width, at.radius, at.h)
+        limit = width.number * _limited_lengths(width, at.radius, at.h)
         side = side_of_blocks(leaf, cells.share * limit)
     if cells.least is not None:
         counts = drag_cell_counts(scene, at, side)
@@ -240,35 +252,41 @@ def drag_cell_sides(scene: Scene, at: Local) -> Array | None:
 
 
 def drag_cell_counts(scene: Scene, at: Local, side: Array) -> tuple[Array, Array]:
-    """Return mean numbers of gas and dust particles (n,) in drag cells of sides `side` (n,) at the places of `at`."""
+    """Return the mean numbers (n,) of gas and of dust particles in drag cells at the sample points `at`.
+
+    side (n,): side of the cell at each point.
+    """
     assert scene.gas is not None
     mass = at.density * side**scene.space.dimensions
     gas = mass * particle_count(scene, scene.gas) / (gas_mass(scene) * at.relative_mass)
     dust = np.zeros_like(gas)
     for population, total in zip(scene.dust or (), dust_masses(scene), strict=True):
         if total > 0:
-            dust += _present(population, at) * population.ratio * mass * particle_count(scene, population) / total
+            dust += _is_within(population, at) * population.ratio * mass * particle_count(scene, population) / total
     return gas, dust
 
 
-def _present(population: Any, at: Local) -> Array | float:
-    """Return 1 at the places of `at` between the radii of a population, else 0."""
+def _is_within(population: Any, at: Local) -> Array | float:
+    """Return 1 at sample points between the inner and outer radius of a population, else 0; 1 without radii."""
     if at.radius is None:
         return 1.0
     return 1.0 * ((at.radius >= (population.inner or 0.0)) & (at.radius <= (population.outer or math.inf)))
 
 
-def _counted(width: Width, radius: Array | None, h: Array) -> Array:
-    """Return smoothing lengths (n,) as they count for drag cells; without a radius they are not limited."""
+def _limited_lengths(width: Width, radius: Array | None, h: Array) -> Array:
+    """Return the smoothing lengths (n,) from which the size of drag cells follows: `h` (n,), limited at each radius.
+
+    Without radii they are not limited.
+    """
     return h if radius is None else width.counted_at(radius, h)
 
 
-def _range_of_lengths(scene: Scene, width: Width) -> tuple[float, float]:
-    """Return geometric mean and minimum of the smoothing lengths of all gas particles, as they count for drag cells."""
+def _mean_and_min_length(scene: Scene, width: Width) -> tuple[float, float]:
+    """Return the geometric mean and the minimum of the lengths from `_limited_lengths`, over all gas particles."""
     places, weight = start_of(scene).all_over(scene)
-    h = _smoothing(scene, places)
+    h = _smoothing_lengths(scene, places)
     assert h is not None
-    h = _counted(width, places.radius, h)
+    h = _limited_lengths(width, places.radius, h)
     return float(np.exp(np.average(np.log(h), weights=weight))), float(h.min())
 
 
@@ -288,7 +306,7 @@ def _adiabatic_index(scene: Scene, density: Array) -> Array | float:
     return EOS[eos.kind].adiabatic_index(eos, density)
 
 
-def _smoothing(scene: Scene, places: Places) -> Array | None:
+def _smoothing_lengths(scene: Scene, places: Places) -> Array | None:
     if scene.gas is None or scene.model.cells:
         return None
     if scene.gas.smoothing_length is not None:
@@ -299,16 +317,19 @@ def _smoothing(scene: Scene, places: Places) -> Array | None:
     return scene.gas.eta * (mass / places.density) ** (1 / scene.space.dimensions)
 
 
-def _range(scene: Scene, mean: float, name: str) -> str:
-    """Return the text of the mass of a gas particle, or of the least and the largest if masses differ."""
+def _particle_mass_text(scene: Scene, mean: float, name: str) -> str:
+    """Return the mass of a gas particle as text; if masses differ, the smallest and the largest mass.
+
+    mean: mean mass. name: its dimension.
+    """
     relative = start_of(scene).all_over(scene)[0].relative_mass
     ends = [mean] if relative is None else [mean * relative.min(), mean * relative.max()]
     return " to ".join(scene.units.show(mass, name) for mass in ends)
 
 
-def _list(units: Units, values: Array, name: str) -> str:
+def _quantities_text(units: Units, values: Array, name: str) -> str:
     return ", ".join(units.show(float(value), name) for value in values)
 
 
-def _plain(values: Array | None) -> str:
+def _numbers_text(values: Array | None) -> str:
     return ", ".join(f"{value:.3g}" for value in values) if values is not None else ""

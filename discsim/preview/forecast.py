@@ -1,9 +1,9 @@
 """Forecast of a run: number of steps, CPU time and memory, from stored costs and the last long runs on this machine.
 
-Stored costs are CPU nanoseconds per particle, cell or neighbour and step, in the module of each effect and drag scheme.
-They are results of `python analysis/throughput.py`; those of pairs and of a given disc are from `costs.csv` of runs
-with such a scheme and with [background]. The speed of this machine relative to them is stored by each long run
-(`learn`).
+Stored costs are CPU nanoseconds per step and per particle, cell or neighbour, in the module of each effect and drag
+scheme. They are results of `python analysis/throughput.py`, except those of drag between pairs and of [background],
+which are from `costs.csv` of runs. Each long run stores the slowness of this machine (`store_slowness`): its CPU time
+over the CPU time by stored costs.
 """
 
 from __future__ import annotations
@@ -30,18 +30,22 @@ from discsim.scene import Scene
 
 companion_effect = Lazy("discsim.effects.companion")
 
-TIMES = 64  # times of a run at which its step is estimated
-BYTES = {"gas": 600, "dust": 180}  # memory per particle, with temporary arrays of a step
-BASE = 250e6  # memory of the interpreter with its libraries
-# A run measures the speed of the machine if it takes at least LONG CPU seconds, a CPU time of at least QUIET of its
-# wall time (which includes compilation), and by stored costs HEAVY_STEP seconds per step. Python's share of such a step
-# is at most 10%.
-LONG, QUIET, HEAVY_STEP = 20.0, 0.7, 0.02
-KEPT, OTHERS = 7, 50  # stored runs of this machine, and of others that share the folder
+SAMPLE_TIMES = 64  # times of a run at which its step is estimated
+BYTES_PER_PARTICLE = {"gas": 600, "dust": 180}  # memory per particle, with temporary arrays of a step
+BASE_BYTES = 250e6  # memory of the interpreter with its libraries
+# Smallest CPU time of a run that measures the speed of the machine, smallest fraction of CPU time in its wall time
+# (which includes compilation), and smallest CPU seconds of its steps by stored costs. Python's share of such a step is
+# at most 10%.
+MIN_CPU_SECONDS, MIN_CPU_FRACTION, MIN_STEP_SECONDS = 20.0, 0.7, 0.02
+MAX_STORED_HERE = 7  # largest number of stored runs of this machine
+MAX_STORED_ELSEWHERE = 50  # largest number of stored runs of other machines with the same cache directory
 
 
 class Steps(NamedTuple):
-    """Number of steps of a run; the effect that sets most of them, the place where it does, and its share of steps."""
+    """Number of steps of a run, and the effect that limits most of them.
+
+    by: name of this effect. where: the place with its shortest limit, as text. share: fraction of steps it limits.
+    """
 
     number: float
     by: str
@@ -50,7 +54,10 @@ class Steps(NamedTuple):
 
 
 class Forecast(NamedTuple):
-    """Steps of a run, CPU seconds per step, memory in bytes, and CPU seconds of the relaxation before t = 0."""
+    """Forecast of a run: its steps, CPU seconds per step, memory in bytes, and CPU seconds of the relaxation.
+
+    The relaxation of gas comes before t = 0 (`initial.relax`).
+    """
 
     steps: Steps
     step_seconds: float
@@ -63,31 +70,31 @@ class Forecast(NamedTuple):
 
 
 def forecast(scene: Scene) -> Forecast | None:
-    """Return the forecast of a run; None for particles passed by the caller, or if no effect limits the step."""
+    """Return the forecast of a run; None for particles that the caller passes, or if no effect limits the step."""
     if scene.initial is None:
         return None
     steps = expected_steps(scene)
     if not math.isfinite(steps.number):
         return None
-    gas = effect_classes(scene)["gas"].nanoseconds(scene, _counts(scene)) if scene.gas else 0.0
-    relaxing = 1e-9 * slowness() * _steps_of_relaxation(scene) * gas
+    gas = effect_classes(scene)["gas"].nanoseconds(scene, _particle_and_cell_counts(scene)) if scene.gas else 0.0
+    relaxing = 1e-9 * slowness() * _relaxation_steps(scene) * gas
     return Forecast(steps, step_seconds(scene), memory(scene), relaxing)
 
 
 def step_seconds(scene: Scene) -> float:
     """Return the CPU seconds of a step on this machine."""
-    counts = _counts(scene)
+    counts = _particle_and_cell_counts(scene)
     return 1e-9 * slowness() * sum(effect.nanoseconds(scene, counts) for effect in effect_classes(scene).values())
 
 
 def memory(scene: Scene) -> float:
     """Return the memory of a run in bytes."""
-    counts, found = _counts(scene), grid(scene)
-    particles = BYTES["gas"] * counts.gas + BYTES["dust"] * counts.dust
-    return BASE + particles + (0.0 if found is None else grid_bytes(scene, found[1]))
+    counts, found = _particle_and_cell_counts(scene), grid(scene)
+    particles = BYTES_PER_PARTICLE["gas"] * counts.gas + BYTES_PER_PARTICLE["dust"] * counts.dust
+    return BASE_BYTES + particles + (0.0 if found is None else grid_bytes(scene, found[1]))
 
 
-def _counts(scene: Scene) -> Counts:
+def _particle_and_cell_counts(scene: Scene) -> Counts:
     gas = particle_count(scene, scene.gas) if scene.gas else 0
     dust = sum(particle_count(scene, population) for population in scene.dust or ())
     found = grid(scene)
@@ -95,9 +102,9 @@ def _counts(scene: Scene) -> Counts:
 
 
 def expected_steps(scene: Scene, until: float | None = None, without: str | None = None) -> Steps:
-    """Return the steps from the start to a time, by default the end: the integral of dt over the least limit.
+    """Return the steps from the start to the time `until`: the integral of dt / (Courant factor * shortest limit).
 
-    without: name of an effect whose limit is ignored.
+    until: by default the end of the run. without: name of an effect whose limit is ignored.
     """
     run, begins = scene.run, start_time(scene)
     length = (run.until if until is None else until) - begins
@@ -106,12 +113,12 @@ def expected_steps(scene: Scene, until: float | None = None, without: str | None
     effects, outlooks = effect_classes(scene), Outlooks(scene)
     names = [name for name in effects if name != without]
     rates, least = np.zeros(len(names)), [Expected()] * len(names)  # mean of 1 / step while each effect sets it
-    for time in begins + length * (np.arange(TIMES) + 0.5) / TIMES:
+    for time in begins + length * (np.arange(SAMPLE_TIMES) + 0.5) / SAMPLE_TIMES:
         outlook = outlooks.at(float(time))
         found = [effects[name].expected_limit(scene, outlook) for name in names]
         steps = np.array([np.broadcast_to(one.step, PHASES) for one in found])
         sets = np.argmin(steps, axis=0)
-        np.add.at(rates, sets, 1.0 / steps[sets, np.arange(PHASES)] / PHASES / TIMES)
+        np.add.at(rates, sets, 1.0 / steps[sets, np.arange(PHASES)] / PHASES / SAMPLE_TIMES)
         for k in np.unique(sets):
             least[k] = min(least[k], found[k]._replace(step=float(steps[k].min())))
     by, total = int(np.argmax(rates)), float(rates.sum())
@@ -120,8 +127,8 @@ def expected_steps(scene: Scene, until: float | None = None, without: str | None
     return Steps(max(length / run.courant * total, 1.0), names[by], least[by].where, float(rates[by]) / total)
 
 
-def close_pairs(scene: Scene) -> Iterator[str]:
-    """Yield warnings of companions far inside the inner edge whose orbits set the steps of the run."""
+def close_pair_warnings(scene: Scene) -> Iterator[str]:
+    """Yield a warning for each companion far inside the inner edge, if orbits of companions limit most steps."""
     found = [
         (k, scene.star.mass + companion.mass, differs)
         for k, companion in enumerate(scene.table("companion") or (), 1)
@@ -138,8 +145,8 @@ def close_pairs(scene: Scene) -> Iterator[str]:
         )
 
 
-def _steps_of_relaxation(scene: Scene) -> float:
-    """Return the number of steps before t = 0, in which rings of gas relax (`run/relaxation.py`)."""
+def _relaxation_steps(scene: Scene) -> float:
+    """Return the number of steps before t = 0 in which the gas relaxes (`run/relaxation.py`)."""
     orbits = getattr(scene.initial, "relax", 0.0)
     if orbits == 0.0:
         return 0.0
@@ -151,35 +158,38 @@ def _steps_of_relaxation(scene: Scene) -> float:
     return orbits * orbit / (scene.run.courant * step)
 
 
-def _kept() -> list[dict[str, Any]]:
-    """Return the stored runs, each with its machine and its slowness."""
-    return stored_runs.kept("speed", lambda run: isinstance(run.get("machine"), str) and 0.05 < run["slowness"] < 50.0)
+def _stored_runs() -> list[dict[str, Any]]:
+    """Return the stored runs of all machines, each with its `machine` and its `slowness`."""
+    return stored_runs.read_list(
+        "speed", lambda run: isinstance(run.get("machine"), str) and 0.05 < run["slowness"] < 50.0
+    )
 
 
 def known_runs() -> list[float]:
-    """Return the CPU time of each of the last long runs on this machine, over that by stored costs."""
+    """Return the slowness of each of the last long runs on this machine: CPU time over CPU time by stored costs."""
     here = platform.node()
-    return [run["slowness"] for run in _kept() if run["machine"] == here]
+    return [run["slowness"] for run in _stored_runs() if run["machine"] == here]
 
 
 def slowness() -> float:
-    """Return the CPU time of this machine over that by stored costs: the median of its last long runs, or 1."""
+    """Return the median slowness of the last long runs on this machine (`known_runs`), or 1 without such runs."""
     return statistics.median(known_runs() or [1.0])
 
 
-def learn(scene: Scene, steps: int, cpu_seconds: float, wall_seconds: float) -> None:
-    """Store the CPU time of `steps` steps for the next forecast, if the run measures the speed of this machine.
+def store_slowness(scene: Scene, steps: int, cpu_seconds: float, wall_seconds: float) -> None:
+    """Store the slowness of this machine for later forecasts, if the finished run is suited to measure it.
 
-    It does if it is long, rarely waits for other processes, and if work on particles and cells dominates its steps.
-    wall_seconds: of the whole run. Nothing is stored if the cache cannot be written.
+    A suited run is long, rarely waits for other processes, and has steps dominated by work on particles and cells.
+    steps, cpu_seconds: number of steps and CPU time of all of them. wall_seconds: wall time of the whole run.
+    Nothing is stored if the cache cannot be written.
     """
-    if scene.initial is None or cpu_seconds < LONG or cpu_seconds < QUIET * wall_seconds:
+    if scene.initial is None or cpu_seconds < MIN_CPU_SECONDS or cpu_seconds < MIN_CPU_FRACTION * wall_seconds:
         return
     stored = step_seconds(scene) / slowness()
-    if stored < HEAVY_STEP:
+    if stored < MIN_STEP_SECONDS:
         return
-    here, runs = platform.node(), _kept()
+    here, runs = platform.node(), _stored_runs()
     own = [run for run in runs if run["machine"] == here]
     others = [run for run in runs if run["machine"] != here]
     own.append({"machine": here, "slowness": cpu_seconds / steps / stored})
-    stored_runs.keep("speed", others[-OTHERS:] + own[-KEPT:])
+    stored_runs.write_list("speed", others[-MAX_STORED_ELSEWHERE:] + own[-MAX_STORED_HERE:])

@@ -1,4 +1,4 @@
-"""Comparison of the memory of a run, by the forecast that `discsim check` shows, with that of the machine."""
+"""Comparison of the memory that a run needs, from the forecast of `discsim check`, with the memory of the machine."""
 
 from __future__ import annotations
 
@@ -6,29 +6,36 @@ import os
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from discsim.preview.forecast import BASE, BYTES, memory
+from discsim.preview.forecast import BASE_BYTES, BYTES_PER_PARTICLE, memory
 
 if TYPE_CHECKING:
     from discsim.scene import Scene
 
 
-def too_much(scene: Scene) -> Iterator[str]:
-    """Yield a problem if the scene needs more memory than the machine has."""
-    needed, there = needed_by(scene), os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+def memory_warnings(scene: Scene) -> Iterator[str]:
+    """Yield a warning if a run of the scene needs more memory than the machine has."""
+    needed, there = required_memory(scene), os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     if needed > there:
         yield (
-            f"memory: the run needs about {_gib(needed)}, and this machine has {_gib(there)}; expected fewer particles "
-            "or cells"
+            f"memory: the run needs about {_gib_text(needed)}, and this machine has {_gib_text(there)}; expected fewer "
+            "particles or cells"
         )
 
 
-def needed_by(scene: Scene) -> float:
-    """Return the memory of a run in bytes; in 1D and for particles passed by the caller, without the grid."""
+def required_memory(scene: Scene) -> float:
+    """Return the memory of a run in bytes.
+
+    The grid is left out in 1D and for particles that the caller passes.
+    """
     if scene.initial is not None and scene.space.dimensions == 2:
         return memory(scene)
     gas = scene.gas.particles if scene.gas else 0
-    return BASE + BYTES["gas"] * gas + BYTES["dust"] * sum(population.particles for population in scene.dust or ())
+    return (
+        BASE_BYTES
+        + BYTES_PER_PARTICLE["gas"] * gas
+        + BYTES_PER_PARTICLE["dust"] * sum(population.particles for population in scene.dust or ())
+    )
 
 
-def _gib(size: float) -> str:
+def _gib_text(size: float) -> str:
     return f"{size / 2**30:.3g} GiB"

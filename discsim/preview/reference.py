@@ -1,6 +1,6 @@
-"""The reference of effects and keys, generated from module docstrings and the fields of the tables.
+"""The reference of effects and keys, generated from module docstrings and from the fields of the table models.
 
-`python -m discsim.preview.reference` prints the keys as Markdown, as in the documentation.
+`python -m discsim.preview.reference` prints the reference of keys as Markdown, for the documentation.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from discsim.scene.units import clipped
 
 SETUP_TABLES = ("units", "run", "space", "initial")
 COLUMNS = ("key", "value", "default", "meaning")
-WIDTHS = (22, 20, 18, 46)
+COLUMN_WIDTHS = (22, 20, 18, 46)
 
 
-class Part(NamedTuple):
-    """A table of a scene, or one of its kinds, with the rows of its keys."""
+class Section(NamedTuple):
+    """A section of the reference: a table of a scene, or one kind of it, with a row for each key."""
 
     table: str
     kind: str
@@ -37,8 +37,9 @@ class Part(NamedTuple):
 
 
 def effects_text(name: str | None = None) -> str:
-    """Return the text of all effects, with equations and keys, and of the tables that set up a run; or of one table.
+    """Return the reference of the table `name` as text: for an effect its equations, and all keys.
 
+    name: by default all effects, and the tables that set up a run.
     Raises UserError, with the closest valid name, if there is no such table, and PartError.
     """
     if name is None:
@@ -50,19 +51,19 @@ def effects_text(name: str | None = None) -> str:
 
 
 def _table_text(name: str) -> str:
-    """Return the text of a table: the equation of an effect, the keys, and for drag the schemes."""
+    """Return the reference of one table: for an effect its equations, then the keys, and for drag the schemes."""
     if name not in EFFECTS:
-        return "\n".join([f"[{name}]", *_text_of(name)])
+        return "\n".join([f"[{name}]", *_key_lines(name)])
     effect = EFFECTS[name]
-    lines = [f"[{name}]", *_indented(docstring(EFFECTS.module(name))), "", *_text_of(name)]
-    return "\n".join([*lines, *(_schemes() if effect.role.lists_schemes else [])])
+    lines = [f"[{name}]", *_indent_lines(docstring(EFFECTS.module(name))), "", *_key_lines(name)]
+    return "\n".join([*lines, *(_scheme_lines() if effect.role.lists_schemes else [])])
 
 
 def scene_markdown() -> str:
     """Return the tables of a scene and their keys as Markdown, for the documentation."""
     lines: list[str] = []
     for name in (*SETUP_TABLES, *EFFECTS):
-        for part in _parts(name, TABLES[name]):
+        for part in _sections(name, TABLES[name]):
             heading = f"`[{part.table}]`" + (f" with `kind = {part.kind}`" if part.kind else "")
             lines += [
                 "",
@@ -70,13 +71,16 @@ def scene_markdown() -> str:
                 "",
                 *([part.about, ""] if part.about else []),
             ]
-            lines += [_cells(COLUMNS), _cells("-" * len(COLUMNS))]
-            lines += [_cells((f"`{key}`", *rest)) for key, *rest in part.rows]
+            lines += [_markdown_row(COLUMNS), _markdown_row("-" * len(COLUMNS))]
+            lines += [_markdown_row((f"`{key}`", *rest)) for key, *rest in part.rows]
     return "\n".join(lines[1:])
 
 
 def docstring(module: str) -> str:
-    """Return the docstring of a module, which has its equation, without importing it; "" without Python source."""
+    """Return the docstring of a module, which contains its equations, without importing the module.
+
+    Return "" if there is no Python source.
+    """
     found = find_spec(module)
     if found is None or found.origin is None or not found.origin.endswith(".py"):
         return ""
@@ -84,7 +88,7 @@ def docstring(module: str) -> str:
 
 
 def parts(text: str) -> list[str]:
-    """Split a docstring into paragraphs; indented ones are equations, whose numbers are moved closer to them."""
+    """Split a docstring into paragraphs; indented paragraphs are equations. Equation numbers are moved to the left."""
     text = re.sub(r" {5,}(\(\d+\w?\))$", r"    \1", text.strip("\n"), flags=re.M)
     return [part for part in re.split(r"\n\s*\n", text) if part.strip()]
 
@@ -94,42 +98,42 @@ def pieces(part: str) -> list[str]:
     return re.split(r"(`[^`]+`)", part)
 
 
-def _schemes() -> Iterator[str]:
+def _scheme_lines() -> Iterator[str]:
     for name in SCHEMES:
         yield ""
         yield f'  scheme = "{name}"' + ("" if SCHEMES[name].conserves else ": does not conserve momentum")
-        yield from _indented(docstring(SCHEMES.module(name)).removeprefix(f"{name}: "), "    ")
+        yield from _indent_lines(docstring(SCHEMES.module(name)).removeprefix(f"{name}: "), "    ")
 
 
-def _indented(text: str, space: str = "  ") -> Iterator[str]:
+def _indent_lines(text: str, space: str = "  ") -> Iterator[str]:
     for line in text.splitlines():
         yield space + line if line else ""
 
 
-def _cells(entries: Iterable[str]) -> str:
+def _markdown_row(entries: Iterable[str]) -> str:
     return "| " + " | ".join(entries) + " |"
 
 
-def _text_of(name: str) -> Iterator[str]:
-    for part in _parts(name, TABLES[name]):
+def _key_lines(name: str) -> Iterator[str]:
+    for part in _sections(name, TABLES[name]):
         if part.kind:
             yield f"  {part.table}.kind = {part.kind}: {part.about}"
         elif part.about:
             yield f"  {part.about}" if part.table == name else f"  [{part.table}] {part.about}"
         for row in part.rows:
-            yield from _wrapped(row)
+            yield from _row_lines(row)
 
 
-def _wrapped(row: Iterable[str]) -> Iterator[str]:
-    cells = zip(row, WIDTHS, strict=True)
+def _row_lines(row: Iterable[str]) -> Iterator[str]:
+    cells = zip(row, COLUMN_WIDTHS, strict=True)
     columns = [textwrap.wrap(text, width, break_on_hyphens=False) for text, width in cells]
     for line in zip_longest(*columns, fillvalue=""):
-        shown = (f"{text:<{width}}" for text, width in zip(line, WIDTHS, strict=True))
+        shown = (f"{text:<{width}}" for text, width in zip(line, COLUMN_WIDTHS, strict=True))
         yield "    " + " ".join(shown).rstrip()
 
 
-def _parts(name: str, annotation: Any) -> Iterator[Part]:
-    """Yield a table, each of its kinds, and the tables in it."""
+def _sections(name: str, annotation: Any) -> Iterator[Section]:
+    """Yield a section for the table `name`, one for each of its kinds, and one for each table inside it."""
     models = models_in(annotation)
     for model in models:
         kinds = len(models) > 1
@@ -138,28 +142,28 @@ def _parts(name: str, annotation: Any) -> Iterator[Part]:
         # A key that may be a table or a value has both a section and a row.
         rows = [key_row(model, key) for key in keys if key not in inner or measure_of(model.model_fields[key])]
         kind = fields.shown(model.model_fields["kind"].default) if kinds else ""
-        yield Part(name, kind, _about(name, annotation, model), rows)
+        yield Section(name, kind, _table_description(name, annotation, model), rows)
         for key in inner:
-            yield from _parts(f"{name}.{key}", model.model_fields[key].annotation)
+            yield from _sections(f"{name}.{key}", model.model_fields[key].annotation)
 
 
-def _about(name: str, annotation: Any, model: type[Table]) -> str:
+def _table_description(name: str, annotation: Any, model: type[Table]) -> str:
     words = "" if model.__doc__ == Table.__doc__ else model.__doc__ or ""
     several = f" Several: one `[[{name}]]` each." if get_origin(annotation) is tuple else ""
     return words + several
 
 
 def key_row(model: type[Table], key: str) -> tuple[str, str, str, str]:
-    """Return name, dimension or choices, default and meaning of a key, as text."""
+    """Return the name of a key, its dimension or choices, its default and its meaning, as text (`COLUMNS`)."""
     field = model.model_fields[key]
-    return key, _value_words(model, key), _default_words(field), field.description or ""
+    return key, _value_description(model, key), _default_description(field), field.description or ""
 
 
-def _value_words(model: type[Table], key: str) -> str:
+def _value_description(model: type[Table], key: str) -> str:
     field = model.model_fields[key]
     measure = measure_of(field)
     for entry in field.metadata:
-        if isinstance(entry, fields.Words):
+        if isinstance(entry, fields.AllowedValues):
             return entry.words
     if measure:
         table = ", or a table" if models_in(field.annotation) else ""
@@ -172,7 +176,7 @@ def _value_words(model: type[Table], key: str) -> str:
     return "text" if field.annotation is str else "whole number"
 
 
-def _default_words(field: Any) -> str:
+def _default_description(field: Any) -> str:
     for entry in field.metadata:
         if isinstance(entry, Default):
             return entry.words

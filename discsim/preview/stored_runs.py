@@ -1,4 +1,4 @@
-"""Measurements stored by runs for the next `discsim check` of the same user, as JSON lists in the cache directory.
+"""Lists of measurements from runs, for later calls of `discsim check`: JSON files in the user's cache directory.
 
 The cache is optional: if it is absent or cannot be read or written, lists are empty and nothing is stored.
 """
@@ -14,22 +14,22 @@ from typing import Any
 from discsim.output.files import replace_atomically
 from discsim.userfiles import read_text
 
-LARGEST = 2**20  # largest file of a list in bytes
+MAX_FILE_BYTES = 2**20  # largest size of a file in bytes
 
 
-def kept(name: str, is_entry: Callable[[Any], bool]) -> list[dict[str, Any]]:
-    """Return the valid entries of the list `name`."""
+def read_list(name: str, is_entry: Callable[[Any], bool]) -> list[dict[str, Any]]:
+    """Return the entries of the stored list `name` for which `is_entry` returns True."""
     try:
-        runs = json.loads(read_text(_path(name), most=LARGEST))["runs"]
+        runs = json.loads(read_text(_list_file(name), most=MAX_FILE_BYTES))["runs"]
         return [run for run in runs if isinstance(run, dict) and is_entry(run)]
     except (OSError, ValueError, KeyError, TypeError, RuntimeError):
         return []
 
 
-def keep(name: str, runs: Sequence[dict[str, Any]]) -> None:
-    """Write the entries as the list `name`, atomically."""
+def write_list(name: str, runs: Sequence[dict[str, Any]]) -> None:
+    """Replace the stored list `name` by `runs`, atomically."""
     try:
-        path = _path(name)
+        path = _list_file(name)
         path.parent.mkdir(parents=True, exist_ok=True)
         with replace_atomically(path) as temporary:
             temporary.write_text(json.dumps({"runs": list(runs)}, indent=1) + "\n")
@@ -37,7 +37,10 @@ def keep(name: str, runs: Sequence[dict[str, Any]]) -> None:
         return
 
 
-def _path(name: str) -> Path:
-    """Return the file of a list. Raises OSError or RuntimeError if the user has no home directory."""
+def _list_file(name: str) -> Path:
+    """Return the path of the file with the list `name`.
+
+    Raises OSError or RuntimeError if the user has no home directory.
+    """
     place = os.environ.get("XDG_CACHE_HOME") or Path.home().resolve(strict=True) / ".cache"
     return Path(place) / "discsim" / f"{name}.json"

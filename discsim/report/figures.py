@@ -1,4 +1,4 @@
-"""Figures of the page as PNG data: snapshots as in `last_state.png`, and columns of history.csv."""
+"""Figures of the report as PNG data: snapshots drawn as in `last_state.png`, and columns of history.csv."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from discsim.output.snapshot import read_snapshot
 from discsim.report.totals import Totals
 from discsim.scene import Scene
 
-LEAST = 1e-17  # smallest change on the axis, below floating-point precision
+MIN_CHANGE = 1e-17  # smallest relative change that is drawn, below floating-point precision
 
 
 class Picture(NamedTuple):
-    """A figure: a PNG in base64, its text alternative, and its caption."""
+    """A figure of the page: `data` (a PNG in base64), `alt` (the text alternative) and `caption`."""
 
     data: str
     alt: str
     caption: str
 
 
-def of_snapshot(path: Path) -> Picture:
-    """Return the figure of a snapshot."""
+def snapshot_figure(path: Path) -> Picture:
+    """Return the figure of the snapshot file `path`."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "picture.png"
         last_state_figure(path, file)
@@ -40,32 +40,35 @@ def of_snapshot(path: Path) -> Picture:
     snap = read_snapshot(path)
     when = snap.units.show_time(snap.time)
     kinds = " and ".join(snap.species)
-    return Picture(_text(data.getvalue()), f"{kinds} at t = {when}", f"Snapshot {path.stem}, t = {when}.")
+    return Picture(_base64_text(data.getvalue()), f"{kinds} at t = {when}", f"Snapshot {path.stem}, t = {when}.")
 
 
-def of_history(scene: Scene, rows: list[dict[str, str]], found: list[Totals]) -> list[Picture]:
-    """Return the figures of changes of conserved quantities and of step lengths against time."""
+def history_figures(scene: Scene, rows: list[dict[str, str]], found: list[Totals]) -> list[Picture]:
+    """Return two figures against time: relative changes of the conserved quantities, and the time step.
+
+    rows: rows of history.csv. found: the conserved quantities from `totals`.
+    """
     time, dt = (np.array([float(row[name]) for row in rows]) for name in ("time", "dt"))
     unit = ""
     if scene.units.system != "code":
         year = float(scene.units.quantity(1.0, "time").to_value("yr"))
         time, dt, unit = year * time, year * dt, " [yr]"
-    changes, first = _axes(f"t{unit}", "change, over its size")
+    changes, first = _new_axes(f"t{unit}", "change, over its size")
     for each in found:
-        first.plot(time, np.maximum(np.abs(each.change), LEAST), label=each.name)
-    first.set(yscale="log", ylim=(0.5 * LEAST, None))
+        first.plot(time, np.maximum(np.abs(each.change), MIN_CHANGE), label=each.name)
+    first.set(yscale="log", ylim=(0.5 * MIN_CHANGE, None))
     first.legend(frameon=False, fontsize=8)
-    steps, second = _axes(f"t{unit}", f"step{unit}")
+    steps, second = _new_axes(f"t{unit}", f"step{unit}")
     made = dt > 0.0
     second.plot(time[made], dt[made], ".-", ms=3, lw=0.8, color="tab:gray")
     second.set(ylim=(0.0, None))
     return [
-        Picture(_png(changes), "changes of totals against time", "Changes of totals."),
-        Picture(_png(steps), "time steps against time", "Time steps; steps that end at a snapshot are shorter."),
+        Picture(_png_text(changes), "changes of totals against time", "Changes of totals."),
+        Picture(_png_text(steps), "time steps against time", "Time steps; steps that end at a snapshot are shorter."),
     ]
 
 
-def _axes(x: str, y: str) -> tuple[Figure, Axes]:
+def _new_axes(x: str, y: str) -> tuple[Figure, Axes]:
     figure = Figure(figsize=(4.8, 3.4), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
@@ -74,11 +77,11 @@ def _axes(x: str, y: str) -> tuple[Figure, Axes]:
     return figure, axes
 
 
-def _png(figure: Figure) -> str:
+def _png_text(figure: Figure) -> str:
     out = io.BytesIO()
     figure.savefig(out, format="png", dpi=130)
-    return _text(out.getvalue())
+    return _base64_text(out.getvalue())
 
 
-def _text(data: bytes) -> str:
+def _base64_text(data: bytes) -> str:
     return base64.b64encode(data).decode("ascii")

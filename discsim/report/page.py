@@ -1,7 +1,7 @@
-"""The page of a run, from the files in its directory; all text from these files is escaped.
+"""The HTML report of a run, made from the files in its directory; all text from these files is escaped.
 
 The page is one file for screens of any width, in light and dark mode, and for paper. It has no scripts, no links and
-no fonts of its own.
+no embedded fonts.
 """
 
 from __future__ import annotations
@@ -34,11 +34,14 @@ LIBRARIES = ("numpy", "numba", "scipy", "astropy", "h5py", "matplotlib")
 
 
 class ReportError(UserError):
-    """A directory without a run; the message has the reason."""
+    """Error for a directory that contains no run; the message has the reason."""
 
 
 def write_report(directory: Path, path: Path) -> None:
-    """Write the page of the run in `directory` to `path`. Raises OSError, UserError."""
+    """Write the report of the run in `directory` to the file `path`.
+
+    Raises UserError if there is no run with a readable scene and history, and OSError.
+    """
     refuse_special(path)
     snapshots = sorted((directory / "snapshots").glob("*.h5"))
     if not snapshots or not (directory / "scene.toml").exists():
@@ -55,29 +58,29 @@ def write_report(directory: Path, path: Path) -> None:
     text = environment.get_template("page.html.j2").render(
         title=scene.title or printable(directory.resolve().name),
         directory=printable(directory),
-        facts=[*_facts(scene, rows), ("snapshots", str(len(snapshots)))],
-        outcomes=_outcomes(directory, scene),
-        pictures=[figures.of_snapshot(each) for each in dict.fromkeys((snapshots[0], snapshots[-1]))],
+        facts=[*_fact_rows(scene, rows), ("snapshots", str(len(snapshots)))],
+        outcomes=_outcome_rows(directory, scene),
+        pictures=[figures.snapshot_figure(each) for each in dict.fromkeys((snapshots[0], snapshots[-1]))],
         totals=found,
-        history=figures.of_history(scene, rows, found),
-        effects=list(_effects(scene)),
+        history=figures.history_figures(scene, rows, found),
+        effects=list(_effect_sections(scene)),
         derived=derived(scene) if scene.initial is not None else [],
-        costs=_costs(directory / "costs.csv"),
-        warnings=_warnings(directory / "run.log"),
+        costs=_cost_rows(directory / "costs.csv"),
+        warnings=_log_warnings(directory / "run.log"),
         scene=read_text(directory / "scene.toml"),
         command=printable(f"discsim run {directory / 'scene.toml'} -o {directory}-again"),
-        versions=_versions(directory / "run.log"),
+        versions=_version_rows(directory / "run.log"),
     )
     with replace_atomically(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
 
 def _printable_text(value: object) -> object:
-    """Return a text of the page without control characters; markup from the template is unchanged."""
+    """Return `value` with control characters escaped; markup from the template is returned unchanged."""
     return value if hasattr(value, "__html__") else printable_lines(value)
 
 
-def _facts(scene: Scene, rows: list[dict[str, str]]) -> Iterator[tuple[str, str]]:
+def _fact_rows(scene: Scene, rows: list[dict[str, str]]) -> Iterator[tuple[str, str]]:
     show, last = scene.units.show_time, float(rows[-1]["time"])
     ended = "finished" if last >= (1.0 - 1e-9) * scene.run.until else f"not at its end, {show(scene.run.until)}"
     yield "time", f"{show(float(rows[0]['time']))} to {show(last)}; {ended}"
@@ -90,14 +93,17 @@ def _facts(scene: Scene, rows: list[dict[str, str]]) -> Iterator[tuple[str, str]
     yield "effects", ", ".join(scene.effects)
 
 
-def _outcomes(directory: Path, scene: Scene) -> list[tuple[str, str]]:
+def _outcome_rows(directory: Path, scene: Scene) -> list[tuple[str, str]]:
     wanted = chosen(scene)
     values = found_in(directory, scene, wanted).values
     return [(each.head, f"{values[each.name]:.4g}") for each in wanted]
 
 
-def _effects(scene: Scene) -> Iterator[dict[str, Any]]:
-    """Yield each effect with its settings, and its equations as in `discsim effects`."""
+def _effect_sections(scene: Scene) -> Iterator[dict[str, Any]]:
+    """Yield each effect of the scene as a dict: name, keys with values, and paragraphs of its documentation.
+
+    blocks: a pair (is an equation, text) for each paragraph.
+    """
     keys: dict[str, list[str]] = {}
     for name, text in effect_lines(scene):
         keys.setdefault(name.partition(".")[0], []).append(f"{name}: {text}" if text else name)
@@ -109,35 +115,35 @@ def _effects(scene: Scene) -> Iterator[dict[str, Any]]:
         yield {"name": name, "keys": keys.get(name, []), "blocks": blocks}
 
 
-def _costs(path: Path) -> list[dict[str, Any]]:
-    """Return the rows of costs.csv, the most expensive first; [] if the file does not exist."""
+def _cost_rows(path: Path) -> list[dict[str, Any]]:
+    """Return the rows of costs.csv, the most expensive effect first; [] if the file does not exist."""
     if not path.exists():
         return []
     rows = sorted(read_costs(path), key=lambda row: -row.share)
     return [
-        {"effect": row.effect, "calls": row.calls, "time": _seconds(row.seconds), "share": 100.0 * row.share}
+        {"effect": row.effect, "calls": row.calls, "time": _duration_text(row.seconds), "share": 100.0 * row.share}
         for row in rows
     ]
 
 
-def _seconds(value: float) -> str:
+def _duration_text(value: float) -> str:
     return f"{value:.3g} s" if value < 10.0 else clock(value)
 
 
-def _log(path: Path) -> list[str]:
+def _log_lines(path: Path) -> list[str]:
     return read_text(path, "replace").splitlines() if path.exists() else []
 
 
-def _warnings(log: Path) -> list[str]:
-    """Return the warnings in the log, and the reason why the run stopped, each once."""
-    lines = _log(log)
+def _log_warnings(log: Path) -> list[str]:
+    """Return the warnings in run.log, and the reason if the run was stopped, each once."""
+    lines = _log_lines(log)
     told = [line.removeprefix("warning: ") for line in lines if line.startswith("warning: ")]
     stopped = [line for line in lines[-2:] if line.startswith(("interrupted by", "stopped by", "out of memory"))]
     return list(dict.fromkeys([*told, *stopped]))
 
 
-def _versions(log: Path) -> list[tuple[str, str]]:
-    first = next(iter(_log(log)), "").partition(":")[0]
+def _version_rows(log: Path) -> list[tuple[str, str]]:
+    first = next(iter(_log_lines(log)), "").partition(":")[0]
     run = first.removeprefix("discsim ") if first.startswith("discsim ") else "not known"
     here = [("Python", platform.python_version()), *((name, version(name)) for name in LIBRARIES)]
     return [("discsim, of the run", run), ("discsim, of this page", __version__), *here]

@@ -1,9 +1,12 @@
-"""Conserved quantities of a run from history.csv: changes over the sum of the magnitudes of their terms.
+"""Relative changes of the conserved quantities of a run, from history.csv.
 
-    mass                gas, dust and accreted mass                                     over the mass
-    momentum            sum m v                                                         over sqrt(2 E_kin M)
-    angular momentum    about the origin, of a disc                                     over its largest value
-    energy              kinetic, thermal, potential and radiated                        over the sum of their sizes
+A change since the first row is divided by a scale, which is the largest value that it has during the run:
+
+    quantity            terms                                       scale
+    mass                gas, dust and accreted mass                 mass
+    momentum            sum m v                                     sqrt(2 E_kin M)
+    angular momentum    about the origin, only of a disc            its magnitude
+    energy              kinetic, thermal, potential and radiated    sum of the magnitudes of the terms
 
 The momentum of accreted particles is not included.
 """
@@ -18,14 +21,15 @@ from discsim.physics.eos import eos_of
 from discsim.scene import Scene
 
 Array = np.ndarray
-PUSHES = ("star", "companion", "external", "background", "damping", "radiation_pressure", "dust_diffusion")
-HEATS = ("companion", "external", "background", "damping", "radiation_pressure", "dust_diffusion")
+MOMENTUM_EFFECTS = ("star", "companion", "external", "background", "damping", "radiation_pressure", "dust_diffusion")
+ENERGY_EFFECTS = ("companion", "external", "background", "damping", "radiation_pressure", "dust_diffusion")
 
 
 class Totals(NamedTuple):
-    """A conserved quantity: first and last value, and relative change (rows,).
+    """A conserved quantity of a run.
 
-    `why` has the reason why it may change, "" if it should not.
+    first, last: value in the first and last row, as text. change (rows,): relative change since the first row.
+    why: the effects that may change the quantity, as text; "" if nothing should.
     """
 
     name: str
@@ -46,7 +50,7 @@ class Totals(NamedTuple):
 
 
 def totals(scene: Scene, rows: list[dict[str, str]]) -> list[Totals]:
-    """Return the conserved quantities of a run from the rows of its history.csv."""
+    """Return the conserved quantities of a run; `rows` are those of its history.csv."""
 
     def column(name: str) -> Array:
         return np.array([float(row[name]) for row in rows]) if name in rows[0] else np.zeros(len(rows))
@@ -64,9 +68,9 @@ def totals(scene: Scene, rows: list[dict[str, str]]) -> list[Totals]:
     moved = float(np.sqrt(2.0 * kinetic * np.maximum(mass, 0.0)).max())
     flat = scene.space.dimensions == 2
     taken = ["accretion by the star"] if (column("accreted_gas") + column("accreted_dust"))[-1] > 0.0 else []
-    pushes = [f"[{name}]" for name in PUSHES if scene.table(name) is not None] + taken
+    pushes = [f"[{name}]" for name in MOMENTUM_EFFECTS if scene.table(name) is not None] + taken
     ends = [] if flat or scene.space.boundary == "periodic" else ["the ends of the tube"]
-    heats = [f"[{name}]" for name in HEATS if scene.table(name) is not None] + taken
+    heats = [f"[{name}]" for name in ENERGY_EFFECTS if scene.table(name) is not None] + taken
     heats += [] if scene.gas is None or eos_of(scene).closes_energy else ["the prescribed gas temperature"]
     # In one dimension masses are column densities, and derived quantities are per area.
     of = (lambda name: name) if flat or scene.units.system == "code" else lambda name: "surface_density"

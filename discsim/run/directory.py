@@ -132,11 +132,11 @@ def copy_input_files(scene: Scene, directory: Path, made: list[Path]) -> Scene:
             with replace_atomically(path) as temporary:
                 parts.copy(file.path, path, temporary, made)
         values.append(([table, key], path.name))
-        tomltext.with_value(data, [table, key], path.name)
+        tomltext.set_value(data, [table, key], path.name)
         update[table] = scene.table(table).model_copy(update={key: replace(file, path=path.absolute())})
     if not values:
         return scene
-    return scene.model_copy(update={**update, "text": tomltext.edited(scene.text, data, values, [])})
+    return scene.model_copy(update={**update, "text": tomltext.edit(scene.text, data, values, [])})
 
 
 def remove_copies(made: list[Path]) -> None:

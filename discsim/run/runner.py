@@ -21,7 +21,7 @@ from discsim.output.open_step import open_step_of
 from discsim.output.parts import remove_unused_parts
 from discsim.output.snapshot import write_snapshot
 from discsim.preview.derived import effect_rows
-from discsim.preview.forecast import learn
+from discsim.preview.forecast import store_slowness
 from discsim.preview.warnings import warnings
 from discsim.printable import UserError
 from discsim.run.checkpoints import Checkpoints, later_snapshots
@@ -43,9 +43,9 @@ from discsim.run.shown import columns, with_present_pressure
 from discsim.run.simulation import PhysicsError, Simulation
 from discsim.scene import Scene
 from discsim.scene.differences import refuse_another
-from discsim.scene.fields import MOST_SNAPSHOTS
+from discsim.scene.fields import MAX_SNAPSHOTS
 from discsim.scene.units import clock
-from discsim.userfiles import NO_HANDLES, system_message
+from discsim.userfiles import TOO_MANY_OPEN, system_message
 from discsim.version import __version__
 
 DONE, NOT_WRITTEN, WRONG_INPUT, PHYSICS = 0, 1, 2, 3  # exit statuses; interrupted: 128 + the signal
@@ -80,7 +80,7 @@ def execute_and_report(run: Run, resume: bool) -> int:
             fail(f"out of memory {run.time_and_step()}: {fault or 'an array does not fit'}", run.resume_advice())
             return PHYSICS
         except OSError as fault:
-            if raised_in_numba_cache(fault) and fault.errno not in NO_HANDLES:
+            if raised_in_numba_cache(fault) and fault.errno not in TOO_MANY_OPEN:
                 reason = fault.strerror or str(fault)
                 cure = "Free disk space there, or set NUMBA_CACHE_DIR to another directory"
                 fail(f"{cache.folder()}: compiled kernels cannot be written: {reason}. {cure}. {run.resume_advice()}")
@@ -215,7 +215,7 @@ class Run:
         groups, values = self.checkpoints.newest()
         refuse_another(self.checkpoints.chosen, groups["scene"]["text"].tobytes(), self.scene)
         reached = values.number("time")
-        self.snapshots, self.put_out = values.whole("snapshots", 1, MOST_SNAPSHOTS), values.number("put_out")
+        self.snapshots, self.put_out = values.whole("snapshots", 1, MAX_SNAPSHOTS), values.number("put_out")
         if self.put_out > reached:
             values.refuse("put_out", f"at most the checkpoint's time, {reached:g}")
         self.checkpoints.refuse_lost_snapshots(self.directory / "snapshots", self.snapshots, self.put_out)
@@ -400,7 +400,7 @@ class Run:
         say(f"cost    {cost}")
         if self.steps >= MIN_STEPS_FOR_FORECAST:
             cpu, wall = time.process_time() - self.cpu_after_first, time.monotonic() - self.started_at
-            learn(self.scene, self.steps - 1, cpu, wall)
+            store_slowness(self.scene, self.steps - 1, cpu, wall)
         return DONE
 
     def _draw_figure(self) -> None:

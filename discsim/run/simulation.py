@@ -36,8 +36,8 @@ from discsim.output.checkpoint import (
     read_checkpoint,
     write_checkpoint,
 )
-from discsim.parts import INTEGRATORS, found_at
-from discsim.preview.memory import too_much
+from discsim.parts import INTEGRATORS, import_object
+from discsim.preview.memory import memory_warnings
 from discsim.run import guards
 from discsim.run.costs import Costs
 from discsim.run.forces import PhysicsError, acceleration_of
@@ -95,12 +95,12 @@ class Simulation(Summarised):
         if given is not None:
             scene = own.counted(scene, given)
         self.scene = scene
-        if faults := list(too_much(scene)):
+        if faults := list(memory_warnings(scene)):
             raise SceneError(faults)
         set_threads(scene.run.threads)
         self.state, effects, self.relaxed = begun or begin(scene, given, to_restore)
         self.operators = Operators(self.state, effects)
-        self._integrate = found_at(INTEGRATORS[scene.run.integrator])
+        self._integrate = import_object(INTEGRATORS[scene.run.integrator])
         self._has_forces = self._step_is_half_made = False
         self._open: State | None = None  # the state before its closing kick, while a callback reads it
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from discsim.scene.fields import MOST_SNAPSHOTS
+from discsim.scene.fields import MAX_SNAPSHOTS
 
 if TYPE_CHECKING:
     from discsim.run.progress import Progress
@@ -84,6 +84,6 @@ def _check_interval(every: float, span: float, callback: Callable[[Simulation], 
     """Raise ValueError if `every` is not a positive time, has no callback, or gives too many calls in `span`."""
     if callback is None or not 0.0 < every < math.inf:
         raise ValueError(f"every = {every}; expected a positive time, together with a callback")
-    if span > MOST_SNAPSHOTS * every:
-        wrong = f"every = {every} gives {span / every:.3g} calls; expected at most {MOST_SNAPSHOTS:,}"
-        raise ValueError(f"{wrong}, that is every at least {span / MOST_SNAPSHOTS:.3g}")
+    if span > MAX_SNAPSHOTS * every:
+        wrong = f"every = {every} gives {span / every:.3g} calls; expected at most {MAX_SNAPSHOTS:,}"
+        raise ValueError(f"{wrong}, that is every at least {span / MAX_SNAPSHOTS:.3g}")

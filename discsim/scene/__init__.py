@@ -10,7 +10,7 @@ __all__ = ["Scene", "SceneError", "load_scene", "near"]
 
 
 def __getattr__(name: str) -> Any:
-    # Imported lazily against a cycle: effects and starts import key types from here, and `loading` imports their keys.
+    # Imported lazily to avoid a cycle: effects and starts import key types from here, and `loading` imports their keys.
     if name in __all__:
         return getattr(import_module("discsim.scene.loading"), name)
     raise AttributeError(f"module 'discsim.scene' has no attribute {name!r}")

@@ -1,7 +1,7 @@
 """Import of astropy's units and constants that also works without a readable home directory, as in containers.
 
-astropy searches the home directory for its configuration at import, and raises an exception if the search fails. In
-that case this module imports astropy with an empty configuration.
+At import, astropy searches the home directory for its configuration, and raises an exception if the search fails. If
+the search would fail, this module imports astropy with an empty configuration.
 """
 
 from __future__ import annotations
@@ -12,17 +12,19 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-NAMED = ("ASTROPY_CONFIG_DIR", "XDG_CONFIG_HOME")  # environment variables with the configuration directory
-PLACES = ("", ".config", ".config/astropy", ".astropy", ".astropy/config")  # searched in the home directory otherwise
+# Environment variables that name the configuration directory, and paths in the home directory that are searched
+# without these variables.
+CONFIG_VARIABLES = ("ASTROPY_CONFIG_DIR", "XDG_CONFIG_HOME")
+CONFIG_PATHS = ("", ".config", ".config/astropy", ".astropy", ".astropy/config")
 
 
 @contextmanager
 def _readable_configuration() -> Iterator[None]:
     """Point astropy to an empty configuration directory if the usual directories cannot be searched."""
-    if _can_be_looked_for():
+    if _can_search_configuration():
         yield
         return
-    before = {name: os.environ.pop(name) for name in NAMED if name in os.environ}
+    before = {name: os.environ.pop(name) for name in CONFIG_VARIABLES if name in os.environ}
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "astropy").mkdir()
         os.environ["XDG_CONFIG_HOME"] = folder
@@ -33,16 +35,16 @@ def _readable_configuration() -> Iterator[None]:
             os.environ.update(before)
 
 
-def _can_be_looked_for() -> bool:
+def _can_search_configuration() -> bool:
     """Return whether astropy can search its configuration directories without an exception."""
-    named = [Path(os.environ[name]) for name in NAMED if os.environ.get(name)]
+    named = [Path(os.environ[name]) for name in CONFIG_VARIABLES if os.environ.get(name)]
     if named:
         return all(path.is_absolute() and os.path.isdir(path) for path in named)
     try:
         home = Path.home()
     except RuntimeError:  # the user has no home directory
         return False
-    for place in PLACES:
+    for place in CONFIG_PATHS:
         try:
             os.stat(home / place / "x")
         except (FileNotFoundError, NotADirectoryError):

@@ -5,9 +5,9 @@ header.
     10         200             60      0.01
     ...
 
-Sigma and T are interpolated as ln Sigma and ln T of ln r by monotone cubics (Fritsch & Carlson 1980). The slopes of
-these cubics give the pressure gradient. Beyond the ends Sigma and T are power laws of r. The resolution, the number of
-particles per mass up to a factor, is interpolated in the same way; the ratio linearly in ln r.
+ln Sigma and ln T are interpolated as functions of ln r by monotone cubics (Fritsch & Carlson 1980). The slopes of
+these cubics give the pressure gradient. Beyond the ends Sigma and T are power laws of r. The resolution, which is
+proportional to the number of particles per mass, is interpolated in the same way; the ratio linearly in ln r.
 In a scene in code units the header has no units, and T is c_s^2 = P / Sigma.
 """
 
@@ -22,28 +22,29 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BeforeValidator, ValidationInfo
 
-from discsim.scene.fields import LARGEST, InputFile, Words, fault, units_of
+from discsim.scene.fields import LARGEST, AllowedValues, InputFile, fault, units_of
 from discsim.scene.units import UnitError, Units, clipped
 from discsim.userfiles import read_text, system_message
 
 Array = np.ndarray
-NAMES = {
+COLUMN_OF_HEADING = {
     "r": "r", "radius": "r", "sigma": "Sigma", "surface_density": "Sigma", "t": "T", "temperature": "T",
     "ratio": "ratio", "dust_ratio": "ratio", "resolution": "resolution",
 }  # fmt: skip
-UNITS = {"r": "au", "Sigma": "g/cm2", "T": "K"}  # examples for messages
-EACH = ", ".join(dict.fromkeys(NAMES.values()))
-SMOOTH = ("Sigma", "T", "resolution")  # interpolated by cubics
-PLAIN = {"ratio": "a ratio", "resolution": "a resolution"}  # without unit, and their names in messages
-LARGEST_TABLE = 2**24  # bytes
+EXAMPLE_UNITS = {"r": "au", "Sigma": "g/cm2", "T": "K"}  # examples for messages
+COLUMN_LIST = ", ".join(dict.fromkeys(COLUMN_OF_HEADING.values()))
+SMOOTH_COLUMNS = ("Sigma", "T", "resolution")  # interpolated by cubics
+UNITLESS = {"ratio": "a ratio", "resolution": "a resolution"}  # columns without unit: their names in messages
+MAX_TABLE_BYTES = 2**24  # bytes
 COLUMN = re.compile(r"([A-Za-z_]\w*)(?:\s*[\[(]([^\])]*)[\])])?[\s,]*")
 
 
 @dataclass(frozen=True)
 class Columns(InputFile):
-    """Contents of the file: columns (n,) by name at rising radii r, in code units; T in kelvin, or c_s^2 in code units.
+    """A disc read from a text file: the columns (n,) by name, at radii r that increase, in code units.
 
-    Tables with the same content are equal whatever their paths.
+    kelvin: whether T is in kelvin; if not, T is c_s^2 in code units. Files with the same content compare equal; their
+    paths may differ.
     """
 
     values: dict[str, Array] = field(default_factory=dict, compare=False, repr=False)
@@ -64,18 +65,18 @@ class Columns(InputFile):
 
     @property
     def uneven(self) -> bool:
-        """True if particles differ in mass, because the resolution varies with radius."""
+        """True if gas particles have different masses, because the resolution varies with radius."""
         return self.has("resolution") and np.ptp(self.values["resolution"]) > 0.0
 
     def value(self, name: str, r: Array) -> Array:
         """Return the column "Sigma", "T" or "resolution" (n,) at the radii `r` (n,) > 0."""
-        x, within = self._places(r)
+        x, within = self._log_radii(r)
         curve, slope = self._curves[name]
         return np.exp(curve(within) + slope(within) * (x - within))
 
     def slope(self, name: str, r: Array) -> Array:
         """Return d ln(column) / d ln r (n,) of "Sigma", "T" or "resolution" at the radii `r` (n,) > 0."""
-        return self._curves[name][1](self._places(r)[1])
+        return self._curves[name][1](self._log_radii(r)[1])
 
     def ratio(self, r: Array) -> Array:
         """Return the dust-to-gas ratio (n,) at the radii `r` (n,) > 0."""
@@ -93,89 +94,92 @@ class Columns(InputFile):
         molecule = weight * (constants.m_p + constants.m_e).cgs.value
         return self.value("T", r) * (constants.k_B.cgs.value / molecule / velocity**2)
 
-    def _places(self, r: Array) -> tuple[Array, Array]:
-        """Return ln r, and ln r clipped to the table (n,)."""
+    def _log_radii(self, r: Array) -> tuple[Array, Array]:
+        """Return ln r (n,), and ln r (n,) clipped to the radii of the table."""
         x, log = np.log(np.maximum(r, 1e-300)), np.log(self.values["r"])
         return x, np.clip(x, log[0], log[-1])
 
     @cached_property
     def _curves(self) -> dict[str, Any]:
-        """Cubics through ln Sigma, ln T and ln resolution, and their derivatives, by name."""
+        """A pair (cubic, its derivative) for ln Sigma, ln T and ln resolution as functions of ln r, by column name."""
         from scipy.interpolate import PchipInterpolator  # slow to import
 
         log = np.log(self.values["r"])
-        curves = {n: PchipInterpolator(log, np.log(self.values[n])) for n in SMOOTH if n in self.values}
+        curves = {n: PchipInterpolator(log, np.log(self.values[n])) for n in SMOOTH_COLUMNS if n in self.values}
         return {name: (curve, curve.derivative()) for name, curve in curves.items()}
 
 
-def _read(value: Any, info: ValidationInfo) -> Columns | None:
+def _read_columns(value: Any, info: ValidationInfo) -> Columns | None:
     if value is None:
         return None
-    found = InputFile.read(value, info, LARGEST_TABLE)
+    found = InputFile.read(value, info, MAX_TABLE_BYTES)
     try:
         text = read_text(found.path)
     except UnicodeDecodeError:
-        raise fault(f"{found.path}: not a text file; expected a table, {_wanted(units_of(info))}") from None
+        raise fault(f"{found.path}: not a text file; expected a table, {_expected_header(units_of(info))}") from None
     except OSError as error:
         raise fault(system_message(error, "read", found.path)) from None
     lines = [(number, line.strip()) for number, line in enumerate(text.splitlines(), 1) if line.strip()]
     try:
-        names, factors = _header(lines, units_of(info))
-        rows = [_row(number, line, names) for number, line in lines[1:] if line[0] != "#"]
-        _check(names, rows, factors)
+        names, factors = _parse_header(lines, units_of(info))
+        rows = [_parse_row(number, line, names) for number, line in lines[1:] if line[0] != "#"]
+        _check_rows(names, rows, factors)
     except _RowError as wrong:
         raise fault(f"{found.path}{wrong}") from None
     table = np.array([row for _, row in rows]).T * np.array(factors)[:, None]
     return Columns(found.path, found.digest, dict(zip(names, table, strict=True)), units_of(info).system != "code")
 
 
-ColumnsFile = Annotated[Any, BeforeValidator(_read), Words("path of a text file, relative to the folder of the scene")]
+ColumnsFile = Annotated[
+    Any, BeforeValidator(_read_columns), AllowedValues("path of a text file, relative to the folder of the scene")
+]
 
 
 class _RowError(Exception):
-    """A problem of the file; the message begins with the line number."""
+    """Error for a fault of the file; the message begins with the line number, if it has one."""
 
 
-def _wanted(units: Units) -> str:
+def _expected_header(units: Units) -> str:
     return (
         f"a header like {'# r  Sigma  T  ratio' if units.system == 'code' else '# r [au]  Sigma [g/cm2]  T [K]  ratio'}"
     )
 
 
-def _header(lines: list[tuple[int, str]], units: Units) -> tuple[list[str], list[float]]:
+def _parse_header(lines: list[tuple[int, str]], units: Units) -> tuple[list[str], list[float]]:
     """Return the names of the columns, and the factors that convert their numbers to code units."""
     if not lines:
-        raise _RowError(f": empty; expected {_wanted(units)}, and rows of numbers below")
+        raise _RowError(f": empty; expected {_expected_header(units)}, and rows of numbers below")
     number, line = lines[0]
     text = line.lstrip("# \t")
     found = COLUMN.findall(text)
-    if COLUMN.sub("", text) or not any(word.lower() in NAMES for word, _ in found):
-        raise _RowError(f":{number}: not a table header; expected {_wanted(units)}")  # shows no text of other files
+    if COLUMN.sub("", text) or not any(word.lower() in COLUMN_OF_HEADING for word, _ in found):
+        # Do not show the line, which could be text of any other file.
+        raise _RowError(f":{number}: not a table header; expected {_expected_header(units)}")
     names, factors = [], []
     for word, unit in found:
-        name = NAMES.get(word.lower())
+        name = COLUMN_OF_HEADING.get(word.lower())
         if name is None or name in names:
             wrong = "unknown" if name is None else "given twice"
-            raise _RowError(f':{number}: column "{clipped(word)}" is {wrong}; expected each of {EACH} once')
+            raise _RowError(f':{number}: column "{clipped(word)}" is {wrong}; expected each of {COLUMN_LIST} once')
         try:
-            factors.append(_factor(name, unit.strip(), units))
+            factors.append(_unit_factor(name, unit.strip(), units))
         except UnitError as error:
             raise _RowError(f":{number}: column {word}: {error}") from None
         names.append(name)
     for name in ("r", "Sigma"):
         if name not in names:
-            raise _RowError(f":{number}: no column {name}; expected {_wanted(units)}")
+            raise _RowError(f":{number}: no column {name}; expected {_expected_header(units)}")
     return names, factors
 
 
-def _factor(name: str, unit: str, units: Units) -> float:
-    """Return a column's unit in code units; T keeps kelvin."""
-    if units.system == "code" or name in PLAIN:
+def _unit_factor(name: str, unit: str, units: Units) -> float:
+    """Return the unit of the column `name` in code units; 1 for T, which stays in kelvin. Raises UnitError."""
+    if units.system == "code" or name in UNITLESS:
         if unit not in ("", "1"):
-            raise UnitError(f'"{clipped(unit)}" is a unit, but {PLAIN.get(name, "the scene")} has none')
+            raise UnitError(f'"{clipped(unit)}" is a unit, but {UNITLESS.get(name, "the scene")} has none')
         return 1.0
     if not unit:
-        raise UnitError(f"has no unit; expected one, like {name} [{UNITS[name]}]")
+        raise UnitError(f"has no unit; expected one, like {name} [{EXAMPLE_UNITS[name]}]")
     if name == "T":
         if unit not in ("K", "kelvin"):
             raise UnitError(f'"{clipped(unit)}" is not kelvin; expected T [K]')
@@ -183,7 +187,7 @@ def _factor(name: str, unit: str, units: Units) -> float:
     return units.parse(f"1 {unit}", "length" if name == "r" else "surface_density")
 
 
-def _row(number: int, line: str, names: list[str]) -> tuple[int, list[float]]:
+def _parse_row(number: int, line: str, names: list[str]) -> tuple[int, list[float]]:
     entries = line.partition("#")[0].replace(",", " ").split()
     row = []
     for entry in entries:
@@ -196,7 +200,7 @@ def _row(number: int, line: str, names: list[str]) -> tuple[int, list[float]]:
     return number, row
 
 
-def _check(names: list[str], rows: list[tuple[int, list[float]]], factors: list[float]) -> None:
+def _check_rows(names: list[str], rows: list[tuple[int, list[float]]], factors: list[float]) -> None:
     if len(rows) < 2:
         raise _RowError(f": {len(rows)} rows; expected at least two, from the inner to the outer edge")
     before = 0.0

@@ -19,7 +19,10 @@ FREE_TO_CHANGE = (
 
 
 def refuse_another(path: str | Path, text: bytes, now: Scene) -> None:
-    """Raise SceneError unless a run of the scene `text`, read from the file `path`, can be resumed as `now`."""
+    """Raise SceneError if a run cannot be resumed, because its scene differs from the scene `now`.
+
+    path, text: file with the scene of the run, and its content.
+    """
     try:
         before = load_scene(tomllib.loads(text.decode()), own_particles=now.initial is None, folder=Path(path).parent)
     except (SceneError, ValueError, RecursionError) as fault:
@@ -33,8 +36,11 @@ def refuse_another(path: str | Path, text: bytes, now: Scene) -> None:
 
 
 def differences(before: Any, now: Any, name: str = "") -> Iterator[str]:
-    """Yield the dotted names of the keys in which two scenes differ; a table in one scene only counts as one key."""
-    parts, others = _parts(before), _parts(now)
+    """Yield the dotted names of the keys in which two scenes differ.
+
+    A table that only one of the scenes has counts as one key. name: dotted name of `before` and `now` in their scenes.
+    """
+    parts, others = _entries(before), _entries(now)
     if parts is None or others is None or type(before) is not type(now):
         if before != now:
             yield name
@@ -43,8 +49,8 @@ def differences(before: Any, now: Any, name: str = "") -> Iterator[str]:
         yield from differences(parts.get(key), others.get(key), f"{name}.{key}" if name else key)
 
 
-def _parts(value: Any) -> dict[str, Any] | None:
-    """Return the entries by name of a scene, a table, units or a list of tables; None for a plain value."""
+def _entries(value: Any) -> dict[str, Any] | None:
+    """Return the entries of a scene, a table, units or a tuple of tables, by name; None for a plain value."""
     if isinstance(value, Scene):
         return {name: entry for name, entry in value if name not in ("text", "path", "others")} | value.others
     if isinstance(value, BaseModel):

@@ -1,7 +1,7 @@
 """Types of the values in a scene, with dimensions, limits and descriptions of defaults.
 
-A field's `Measure` names its dimension. Validation converts texts such as "0.6 au" to floats in code units; the
-scene's `Units` are the validation context. All tables are frozen.
+The `Measure` of a field names its dimension. Validation converts texts such as "0.6 au" to floats in code units; the
+validation context contains the `Units` of the scene. All tables are frozen.
 """
 
 from __future__ import annotations
@@ -22,31 +22,34 @@ from discsim.printable import printable
 from discsim.scene.units import UnitError, Units, clipped, seconds
 from discsim.userfiles import open_plain
 
-MOST_PARTICLES = 10_000_000_000
-MOST_SNAPSHOTS = 1_000_000
-MOST_COURANT = 100.0  # above 2.5 sound and orbits are unstable; larger values suit drag alone, exact at any step
-LARGEST = 1e60  # bound on x and 1/x in code units, so that products do not overflow
-STEEPEST = 100.0  # bound on gamma, so that rho^gamma does not overflow
+MAX_PARTICLES = 10_000_000_000
+MAX_SNAPSHOTS = 1_000_000
+MAX_COURANT = 100.0  # above 2.5 sound and orbits are unstable; larger values suit drag alone, exact at any step
+LARGEST = 1e60  # bound on |x| and |1/x| of a value x in code units, so that products do not overflow
+MAX_GAMMA = 100.0  # bound on gamma, so that rho^gamma does not overflow
 
 
 def fault(message: str) -> PydanticCustomError:
-    """Return a validation error with `message` as its text for the user."""
+    """Return a validation error of pydantic with `message` as its text."""
     return PydanticCustomError("fault", "{message}", {"message": message})
 
 
 def number(value: Any) -> float:
-    """Return a finite number without unit as a float. Raises a `fault` for any other value."""
+    """Return a plain number as a float. Raises a `fault` for any other value, and for numbers beyond LARGEST."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise fault(f"{shown(value)} is not a number; expected a plain number, without unit or quotes")
     try:
         value = float(value)
     except OverflowError:
         value = math.inf
-    return _in_reach(value, f"{value}")
+    return _check_range(value, f"{value}")
 
 
-def _in_reach(value: float, text: str) -> float:
-    """Return `value`. Raises a `fault` unless it is 0, or finite and of a size from 1/LARGEST to LARGEST."""
+def _check_range(value: float, text: str) -> float:
+    """Return `value`. Raises a `fault` unless it is 0, or its magnitude is from 1/LARGEST to LARGEST.
+
+    text: the value in the message.
+    """
     if not math.isfinite(value):
         raise fault(f"{text} is not a finite number")
     if value != 0.0 and not 1.0 / LARGEST <= abs(value) <= LARGEST:
@@ -62,7 +65,7 @@ def units_of(info: ValidationInfo) -> Units:
 
 
 def shown(value: Any) -> str:
-    """Return a value as TOML writes it, shortened if it is long."""
+    """Return the text of a value in TOML, shortened if it is long, for messages."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, str):
@@ -75,24 +78,25 @@ def shown(value: Any) -> str:
 
 @dataclass(frozen=True)
 class Default:
-    """Description of a default that depends on other keys or on the computer."""
+    """Text that describes a default which depends on other keys or on the computer."""
 
     words: str
 
 
 @dataclass(frozen=True)
-class Words:
-    """Description of the allowed values of a key, where its type gives none."""
+class AllowedValues:
+    """Text that describes the allowed values of a key, if its type does not say them."""
 
     words: str
 
 
 @dataclass(frozen=True)
 class Measure:
-    """The dimension of a float, or of a tuple with one float per dimension of space.
+    """Physical dimension of a key.
 
-    `name` is a dimension of `discsim.scene.units`, or "" for a plain number. `whole` requires whole numbers. Each
-    text in `words` is accepted as it is, in place of a quantity.
+    name: a dimension of `discsim.scene.units`, or "" for plain numbers. vector: whether the value is a tuple, with one
+    float per dimension of space. whole: whether only whole numbers are allowed. words: texts that are allowed in place
+    of a quantity.
     """
 
     name: str = ""
@@ -117,7 +121,7 @@ class Measure:
         gamma = info.data.get("gamma", 2.0)  # validated earlier, as a key of the same table
         if isinstance(value, str):
             try:
-                return _in_reach(units.parse(value, self.name, gamma), shown(value))
+                return _check_range(units.parse(value, self.name, gamma), shown(value))
             except UnitError as error:
                 also = "".join(f', or "{word}"' for word in self.words)
                 raise fault(f"{error}{also}") from error
@@ -127,7 +131,7 @@ class Measure:
         raise fault(f"{shown(value)} is not a quantity; expected {words}")
 
     def _vector(self, value: Any, info: ValidationInfo) -> tuple[float, ...]:
-        """Return the components, one per dimension of space; a scalar is the x component."""
+        """Return the components of a vector, one per dimension of space; a scalar is the x component."""
         dimensions = units_of(info).dimensions
         is_list = isinstance(value, list | tuple)
         if is_list and len(value) != dimensions:
@@ -150,7 +154,7 @@ def whole(value: Any) -> Any:
 
 def _particles(value: Any) -> Any:
     read = whole(value)
-    if not 1 <= read <= MOST_PARTICLES:
+    if not 1 <= read <= MAX_PARTICLES:
         wrong = "is too large" if read > 1 else "is too small"
         raise fault(f"{shown(value)} {wrong}; expected a number of particles from 1 to 1e10")
     return read
@@ -166,7 +170,7 @@ def _seconds(value: Any) -> Any:
 
 
 def _orbits(value: Any) -> Any:
-    """Return a number of orbits from a number or a text like "2 orbits". Raises a `fault`."""
+    """Return the number of orbits of a number or a text like "2 orbits". Raises a `fault` for any other value."""
     if not isinstance(value, str):
         return number(value)
     words = value.split()
@@ -179,7 +183,7 @@ def _orbits(value: Any) -> Any:
 
 
 def sides(value: Any, info: ValidationInfo) -> Any:
-    """Return the sides of space, one per dimension; a single number is the side of a square."""
+    """Return the sides of space as a list, one per dimension; a single number is the side of a square."""
     dimensions = units_of(info).dimensions
     if not isinstance(value, list | tuple):
         return [value] * dimensions
@@ -192,7 +196,7 @@ Number = Annotated[float, Measure()]
 Count = Annotated[int, BeforeValidator(whole)]
 Particles = Annotated[int, BeforeValidator(_particles)]
 Seconds = Annotated[float, Field(gt=0), BeforeValidator(_seconds)]
-Orbits = Annotated[float, BeforeValidator(_orbits), Words("number of orbits")]
+Orbits = Annotated[float, BeforeValidator(_orbits), AllowedValues("number of orbits")]
 Length = Annotated[float, Measure("length")]
 Mass = Annotated[float, Measure("mass")]
 Time = Annotated[float, Measure("time")]
@@ -249,7 +253,7 @@ class Table(BaseModel):
 
 
 def kinds_of(parts: Iterable[Any]) -> Any:
-    """Return the type of a table of several kinds; the key `kind` selects the model among those of `parts`."""
+    """Return the type of a table of several kinds: the key `kind` selects one of the models `part.keys`."""
     models = tuple(part.keys for part in parts)
     return Annotated[Union[models], Field(discriminator="kind")]  # noqa: UP007 - the members are known at run time only
 
@@ -273,7 +277,7 @@ def models_in(annotation: Any) -> list[type[Table]]:
 
 
 def measure_of(field: Any) -> Measure | None:
-    """Return the `Measure` of a key, from its own metadata or from the types in its annotation; None without one."""
+    """Return the `Measure` of a key, from its metadata or from its annotation; None if the key has no Measure."""
 
     def search(part: Any) -> Any:
         found = [entry for entry in getattr(part, "__metadata__", ()) if isinstance(entry, Measure)]

@@ -1,7 +1,7 @@
-"""Loading of scenes: TOML text or a dict -> one validated, frozen `Scene` in code units.
+"""Loading of scenes: from TOML text or a dict to a validated, frozen `Scene` in code units.
 
-One pass finds every fault of a scene; each message has the file, line and key. An effect runs if its table is
-present.
+All faults that validation finds are reported together; each message has the file, line and key. An effect runs if its
+table is present.
 """
 
 from __future__ import annotations
@@ -15,11 +15,20 @@ from typing import TYPE_CHECKING, Any, get_origin
 from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
 from discsim.formulas.smoothing import QUIET, SMOOTHING
-from discsim.parts import EFFECTS, EOS, MODELS, STARTS, found_at
+from discsim.parts import EFFECTS, EOS, MODELS, STARTS, import_object
 from discsim.printable import printable
 from discsim.scene import tables, tomltext
 from discsim.scene.fields import InputFile, shown
-from discsim.scene.messages import Origins, SceneError, explained, message, near, nearest, value_at, without_echoes
+from discsim.scene.messages import (
+    Origins,
+    SceneError,
+    drop_secondary_errors,
+    fault_from_error,
+    message,
+    near,
+    nearest,
+    value_at,
+)
 from discsim.scene.overrides import changed
 from discsim.scene.reading import parsed, plain, read, refuse_deep
 from discsim.scene.rules import Draft, Problem, broken_rules
@@ -101,7 +110,7 @@ class Scene(Summarised, BaseModel):
 
     @property
     def centred(self) -> bool:
-        """True if the origin is the middle of space, as it is with an open boundary.
+        """True if the origin is the middle of space: with an open boundary.
 
         In a periodic box the origin is the lower left corner.
         """
@@ -110,7 +119,7 @@ class Scene(Summarised, BaseModel):
     @property
     def model(self) -> GasModel:
         """The gas model: the first one of `discsim.parts.MODELS` that fits the scene."""
-        return next(model for model in map(found_at, MODELS) if model.is_of(self))
+        return next(model for model in map(import_object, MODELS) if model.is_of(self))
 
     @property
     def effects(self) -> tuple[str, ...]:
@@ -131,7 +140,7 @@ class Scene(Summarised, BaseModel):
         return tuple(name for name in EFFECTS if self.table(name) is not None)
 
     def summary(self) -> tuple[str, Rows]:
-        """Return the title, and rows of names and values for display."""
+        """Return the title, and the rows (name, value) for display."""
         return self.title or "A scene", self.facts
 
     @property
@@ -204,14 +213,14 @@ def load_scene(
         refuse_deep(data, f"{path}:1")
     origins = Origins(path, text)
     values, removed, problems = changed(data, overrides, without, origins)
-    found, faults = _validated(data, own_particles, folder or (path.parent if path else Path()))
+    found, faults = _validate(data, own_particles, folder or (path.parent if path else Path()))
     problems += [message(fault, origins) for fault in faults]
     if problems:
         raise SceneError(list(dict.fromkeys(problems)))
     named = [([table, key], str(file.path)) for table, key, file in files_of(found)]
     for where, place in named:  # absolute paths, so that the text is valid in any directory
-        tomltext.with_value(data, where, place)
-    text = tomltext.edited(text, data, [*values, *named], removed) if path else tomltext.dumped(data)
+        tomltext.set_value(data, where, place)
+    text = tomltext.edit(text, data, [*values, *named], removed) if path else tomltext.dump(data)
     try:
         text.encode()
     except UnicodeEncodeError as error:  # from a command line or dict in another encoding
@@ -220,7 +229,7 @@ def load_scene(
     scene = Scene(**found, text=text, path=path)
     start = None if scene.initial is None else STARTS[scene.initial.kind]
     if start is not None and start.faults is not None:
-        problems = [message(_as_written(fault, data), origins) for fault in start.faults(scene)]
+        problems = [message(_as_in_scene(fault, data), origins) for fault in start.faults(scene)]
         if problems:
             raise SceneError(problems)
     return scene
@@ -234,8 +243,8 @@ def files_of(tables: Mapping[str, Any]) -> Iterator[tuple[str, str, InputFile]]:
                 yield name, key, value
 
 
-def _validated(data: dict[str, Any], own_particles: bool, folder: Path) -> tuple[dict[str, Any], list[Problem]]:
-    """Return the valid fields of the Scene by name, and all faults."""
+def _validate(data: dict[str, Any], own_particles: bool, folder: Path) -> tuple[dict[str, Any], list[Problem]]:
+    """Validate `data`. Return the valid fields of a Scene by name, and all faults."""
     unknown = [name for name in data if name not in TABLES and name != "title"]
     faults: list[Problem] = [
         ((name,), f"unknown table; expected one of {', '.join(TABLES)}{near(name, _table_names())}") for name in unknown
@@ -243,38 +252,38 @@ def _validated(data: dict[str, Any], own_particles: bool, folder: Path) -> tuple
     title = data.get("title", "")
     if not isinstance(title, str):
         faults.append((("title",), f"{shown(title)} is not a text; expected a title in quotes"))
-    # A mistyped table name is one fault: the intended table is not reported as missing as well.
+    # A mistyped table name is one fault: do not report the intended table as missing as well.
     meant = {nearest(name, _table_names()) or "": None for name in unknown}
     required = [name for name in REQUIRED if not own_particles or name != "initial"]
     missing = [name for name in required if name not in data and name not in meant]
     faults += [((), f"missing table [{name}]; expected one") for name in missing]
-    units, unit_faults = _units(data)
+    units, unit_faults = _read_units(data)
     faults += unit_faults
     found: dict[str, Any] = {}
-    filled = _filled(data, own_particles)
+    filled = _with_defaults(data, own_particles)
     for name in TABLES:
         if name in data and name != "units":
-            found[name], table_faults = _table(name, filled[name], data[name], units, folder)
+            found[name], table_faults = _validate_table(name, filled[name], data[name], units, folder)
             faults += table_faults
             if table_faults:
                 del found[name]
             elif name == "initial":
-                _count(filled, getattr(found[name], "counts", {}))
-    faults += [_as_written(fault, data) for fault in broken_rules(Draft({**meant, **data}, found))]
+                _set_particle_counts(filled, getattr(found[name], "counts", {}))
+    faults += [_as_in_scene(fault, data) for fault in broken_rules(Draft({**meant, **data}, found))]
     others = {name: found.pop(name) for name in list(found) if name not in Scene.model_fields}
     return {"title": printable(title), "units": units, "others": others, **found}, faults
 
 
 def _table_names() -> list[str]:
-    """Return the names of tables that a mistyped table name is compared with."""
+    """Return the names of tables with which a mistyped table name is compared."""
     return [*TABLES, "gas.eos", "gas.viscosity", "gas.conductivity"]
 
 
-def _units(data: dict[str, Any]) -> tuple[Units, list[Problem]]:
-    """Return the units and their faults; a scene with faulty units gets default units, to validate its other tables."""
+def _read_units(data: dict[str, Any]) -> tuple[Units, list[Problem]]:
+    """Return the units of a scene and their faults. Faulty units are replaced by defaults, to validate other tables."""
     space = data.get("space")
     dimensions = 1 if isinstance(space, dict) and space.get("dimensions") == 1 else 2
-    table, faults = _table("units", data.get("units", {}), data.get("units", {}), Units())
+    table, faults = _validate_table("units", data.get("units", {}), data.get("units", {}), Units())
     if table is None:
         given = data.get("units")
         code = isinstance(given, dict) and given.get("system") == "code"
@@ -292,8 +301,8 @@ def _units(data: dict[str, Any]) -> tuple[Units, list[Problem]]:
     return Units(table.system, dimensions, table.length, table.mass), faults
 
 
-def _filled(data: dict[str, Any], own_particles: bool) -> dict[str, Any]:
-    """Return a copy of `data` with the defaults that depend on other tables or on the caller's own particles."""
+def _with_defaults(data: dict[str, Any], own_particles: bool) -> dict[str, Any]:
+    """Return a copy of `data` with those defaults filled in that depend on other tables or on `own_particles`."""
     filled = deepcopy(data)
     run = filled.get("run")
     if isinstance(run, dict):
@@ -316,7 +325,7 @@ def _filled(data: dict[str, Any], own_particles: bool) -> dict[str, Any]:
         hot = isinstance(kind, str) and kind in EOS and EOS[kind].holds_heat
         drag.setdefault("heating", hot and drag.get("direction") != "one-way")
     for name, table in filled.items():
-        if isinstance(table, dict) and _several(name):
+        if isinstance(table, dict) and _may_repeat(name):
             filled[name] = [table]
     if own_particles:
         dust = filled.get("dust")
@@ -326,8 +335,11 @@ def _filled(data: dict[str, Any], own_particles: bool) -> dict[str, Any]:
     return filled
 
 
-def _count(filled: dict[str, Any], counts: Mapping[str, Sequence[int]]) -> None:
-    """Set the particle numbers that the start defines, in place; `counts` has one list per table name."""
+def _set_particle_counts(filled: dict[str, Any], counts: Mapping[str, Sequence[int]]) -> None:
+    """Set the particle numbers that the start defines in the tables `filled`, in place.
+
+    counts: particle numbers by table name, one for each table of this name.
+    """
     for name, numbers in counts.items():
         tables = filled.get(name)
         for table, number in zip(tables if isinstance(tables, list) else [tables], numbers, strict=False):
@@ -335,23 +347,24 @@ def _count(filled: dict[str, Any], counts: Mapping[str, Sequence[int]]) -> None:
                 table["particles"] = number
 
 
-def _as_written(fault: Problem, data: dict[str, Any]) -> Problem:
-    """Return the fault with the path of the key as the scene writes it.
+def _as_in_scene(fault: Problem, data: dict[str, Any]) -> Problem:
+    """Return the fault with the path by which the scene itself names the key.
 
-    A single [dust] is no list, a scalar is no vector, and drag.cell may hold the length drag.cell_length.
+    Validation turns a single [dust] into a list, a scalar into a vector, and a length in drag.cell into
+    drag.cell_length.
     """
     path, wrong = fault
     if len(path) > 1 and isinstance(path[-1], int) and not isinstance(value_at(data, *path[:-1]), list):
         path = path[:-1]  # one number for every dimension
-    if len(path) > 1 and _several(path[0]) and isinstance(data.get(str(path[0])), dict):
+    if len(path) > 1 and _may_repeat(path[0]) and isinstance(data.get(str(path[0])), dict):
         path = (path[0], *path[2:])
     if path == ("drag", "cell_length") and value_at(data, *path) is None:
         path = ("drag", "cell")
     return path, wrong
 
 
-def _several(name: str | int) -> bool:
-    """Return whether a table may occur several times. Imports only this effect."""
+def _may_repeat(name: str | int) -> bool:
+    """Return whether the table `name` may occur several times. Imports only the effect of this table."""
     return name in EFFECTS and get_origin(TABLES[str(name)]) is tuple
 
 
@@ -360,17 +373,17 @@ def _adapter(name: str) -> TypeAdapter[Any]:
     return TypeAdapter(TABLES[name])
 
 
-def _table(name: str, filled: Any, raw: Any, units: Units, folder: Path = Path()) -> tuple[Any, list[Problem]]:
-    """Validate one table; return the table and its faults.
+def _validate_table(name: str, filled: Any, raw: Any, units: Units, folder: Path = Path()) -> tuple[Any, list[Problem]]:
+    """Validate one table. Return the table, or None if it has faults, and its faults.
 
-    `raw` is the table as written, `filled` the table with defaults. The table is None if it has faults.
+    filled: the table with defaults. raw: the table as the scene writes it. folder: directory for relative paths.
     """
-    if not isinstance(raw, dict) and not (isinstance(raw, list) and _several(name)):
+    if not isinstance(raw, dict) and not (isinstance(raw, list) and _may_repeat(name)):
         return None, [((name,), f"{shown(raw)} is not a table; expected [{name}] with its keys")]
     if raw == []:
         return None, [((name,), f"the list is empty; expected [{name}] or [[{name}]]")]
     try:
         return _adapter(name).validate_python(filled, context={"units": units, "folder": folder}), []
     except ValidationError as error:
-        details = without_echoes(error.errors(include_url=False))
-        return None, [_as_written(explained(name, detail, filled, units), {name: raw}) for detail in details]
+        details = drop_secondary_errors(error.errors(include_url=False))
+        return None, [_as_in_scene(fault_from_error(name, detail, filled, units), {name: raw}) for detail in details]

@@ -1,4 +1,4 @@
-"""Messages about faults of a scene, with file, line, key and the nearest valid name."""
+"""Messages about faults of a scene, with file, line, key, and a hint of the nearest valid name."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from discsim.scene import fields, tomltext
 from discsim.scene.fields import models_in, shown
 from discsim.scene.rules import Problem
 from discsim.scene.tables import TABLES
-from discsim.scene.units import ECHOED, Units, clipped
+from discsim.scene.units import MAX_ECHO, Units, clipped
 
 KeyPath = tuple[str | int, ...]
 
 
 class SceneError(UserError):
-    """A scene with faults.
+    """Error for a scene with faults.
 
     Attributes
     ----------
@@ -38,35 +38,35 @@ class Origins:
     """The source of each key of a scene: a line of the scene file, a command-line option, or a dict."""
 
     def __init__(self, path: Path | None, text: str) -> None:
-        lines = tomltext.positions(text) if path else {}
+        lines = tomltext.line_numbers(text) if path else {}
         self.places: dict[KeyPath, str] = {key: f"{path}:{line}" for key, line in lines.items()}
         self.places[()] = f"{path}:1" if path else "scene"
         self.plain_dict = path is None
 
     def override(self, key: KeyPath, option: str) -> None:
-        """Set a command-line option as the source of a key."""
+        """Set the command-line option `option` as the source of a key."""
         self.places[key] = option
         if not self.plain_dict:
             for end in range(1, len(key)):
                 self.places.setdefault(key[:end], option)
 
     def of(self, key: KeyPath) -> str:
-        """Return the source of a key, or of the innermost enclosing table with a source."""
+        """Return the source of a key; for a key without a source, that of the innermost enclosing table with one."""
         return next(self.places[key[:end]] for end in range(len(key), -1, -1) if key[:end] in self.places)
 
 
 def nearest(word: str, choices: Sequence[str]) -> str | None:
-    """Return the choice nearest to `word`, or None.
+    """Return the choice whose spelling is nearest to `word`; None if none is similar.
 
-    A choice whose last dotted part equals `word` comes first.
+    A choice whose last dotted part equals `word` is preferred.
     """
-    near = get_close_matches(word[:ECHOED].lower(), choices, n=1, cutoff=0.5)
+    near = get_close_matches(word[:MAX_ECHO].lower(), choices, n=1, cutoff=0.5)
     leaves = [choice for choice in choices if choice.split(".")[-1] == word]
     return next(iter(leaves or near), None)
 
 
 def near(word: str, choices: Sequence[str]) -> str:
-    """Return a hint with the nearest valid name for a message; "" if none is near."""
+    """Return the hint '; did you mean "..."?' with the choice nearest to `word`; "" if none is similar."""
     best = nearest(word, choices)
     return f'; did you mean "{best}"?' if best else ""
 
@@ -76,7 +76,7 @@ def name_of(path: KeyPath) -> str:
 
 
 def message(fault: Problem, origins: Origins) -> str:
-    """Return the text of a fault: source, key, and the error."""
+    """Return the message of a fault: the source of the key, the key, and what is wrong."""
     path, wrong = fault
     name = name_of(path)
     return f"{origins.of(path)}: {name}: {wrong}" if name else f"{origins.of(path)}: {wrong}"
@@ -92,10 +92,10 @@ def value_at(data: Any, *path: str | int) -> Any:
     return data
 
 
-def without_echoes(details: list[Any]) -> list[Any]:
-    """Return pydantic's errors `details` without the "missing" errors that mistyped keys cause.
+def drop_secondary_errors(details: list[Any]) -> list[Any]:
+    """Return the errors `details` of pydantic without the "missing" errors that mistyped keys cause.
 
-    A mistyped key is one fault: the required key nearest to its name is not reported as missing as well.
+    A mistyped key is one fault: the required key with the nearest name is not reported as missing as well.
     """
     missing = {detail["loc"] for detail in details if detail["type"] == "missing"}
     for detail in details:
@@ -105,16 +105,17 @@ def without_echoes(details: list[Any]) -> list[Any]:
     return [detail for detail in details if detail["type"] != "missing" or detail["loc"] in missing]
 
 
-def explained(table: str, detail: Any, filled: Any, units: Units) -> Problem:
-    """Return one of pydantic's errors as a fault in discsim's words.
+def fault_from_error(table: str, detail: Any, filled: Any, units: Units) -> Problem:
+    """Convert the error `detail` of pydantic to a fault: the path of the key, and a message.
 
-    The path of the fault is that of the key, without pydantic's tags of union members.
+    table: name of the table. filled: the table that was validated. pydantic's tags of union members are removed from
+    the path.
     """
     path: KeyPath = (table,)
     models = models_in(TABLES[table])
     owner = None
     for part in detail["loc"]:
-        tagged = [model for model in models if len(models) > 1 and _tag(model) == part]
+        tagged = [model for model in models if len(models) > 1 and _kind_of_model(model) == part]
         if tagged:
             models = tagged
             continue
@@ -129,21 +130,21 @@ def explained(table: str, detail: Any, filled: Any, units: Units) -> Problem:
     # The last part of the path may be an index into a vector that validation made from one number.
     value = value_at({table: filled}, *path)
     value = value_at({table: filled}, *path[:-1]) if value is None and isinstance(path[-1], int) else value
-    return _worded(detail, path, owner, field, models, value, units)
+    return _fault_in_words(detail, path, owner, field, models, value, units)
 
 
-def _tag(model: type[fields.Table]) -> str | None:
-    """Return the value of `kind` that selects a table model; None for a model without kinds."""
+def _kind_of_model(model: type[fields.Table]) -> str | None:
+    """Return the value of the key `kind` that selects a table model; None for a model without this key."""
     return model.model_fields["kind"].default if "kind" in model.model_fields else None
 
 
-def _worded(
+def _fault_in_words(
     detail: Any, path: KeyPath, owner: Any, field: Any, models: list[type[fields.Table]], value: Any, units: Units
 ) -> Problem:
-    """Return the fault at `path` in words.
+    """Return the fault at `path`, with a message for pydantic's error `detail`.
 
-    `owner` is the table model with the key and `field` the field of the key. `models` are the table models allowed
-    there.
+    owner: table model that contains the key. field: field of the key in this model. models: table models that the key
+    accepts. value: value that the scene gives.
     """
     kind, context = detail["type"], detail.get("ctx", {})
     if kind == "fault":
@@ -157,10 +158,10 @@ def _worded(
         return path, f"missing{meaning}{words}"
     if kind == "extra_forbidden":
         keys = list(owner.model_fields)
-        hint = near(str(path[-1]), keys) or _near_elsewhere(path)
+        hint = near(str(path[-1]), keys) or _hint_elsewhere(path)
         return path, f"unknown key; expected one of {', '.join(keys)}{hint}"
     if kind in ("literal_error", "union_tag_invalid", "union_tag_not_found"):
-        return _worded_choice(kind, context, path, models, value)
+        return _choice_fault_in_words(kind, context, path, models, value)
     limits = {
         "greater_than": ("gt", "more than"),
         "greater_than_equal": ("ge", "at least"),
@@ -178,7 +179,7 @@ def _worded(
     return path, f"{shown(value)}: {detail['msg'][0].lower()}{detail['msg'][1:]}"
 
 
-def _worded_choice(
+def _choice_fault_in_words(
     kind: str, context: dict[str, Any], path: KeyPath, models: list[type[fields.Table]], value: Any
 ) -> Problem:
     expected = context.get("expected") or context.get("expected_tags") or ""
@@ -189,21 +190,21 @@ def _worded_choice(
             return path, f"{shown(value)} is not a table; expected [{'.'.join(map(str, path))}] with its keys"
         path, value = (*path, "kind"), value.get("kind")
         if kind == "union_tag_not_found":
-            return path, "missing; expected one of " + ", ".join(f'"{_tag(model)}"' for model in models)
+            return path, "missing; expected one of " + ", ".join(f'"{_kind_of_model(model)}"' for model in models)
     return path, f"{shown(value)} is unknown; expected one of {words}{near(str(value), choices)}"
 
 
-def _near_elsewhere(path: KeyPath) -> str:
+def _hint_elsewhere(path: KeyPath) -> str:
     """Return a hint if another kind of the table, or another table, has a key with this name."""
     key = str(path[-1])
-    places = list(_places_of(key))
+    places = list(_paths_of_key(key))
     for place, model in places:
         if place == path:
-            return f'; it is a key of kind = "{_tag(model)}"'
+            return f'; it is a key of kind = "{_kind_of_model(model)}"'
     return f'; did you mean "{name_of(places[0][0])}"?' if places else ""
 
 
-def _places_of(key: str) -> Iterator[tuple[KeyPath, type[fields.Table]]]:
+def _paths_of_key(key: str) -> Iterator[tuple[KeyPath, type[fields.Table]]]:
     """Yield (path of the key, table model) for every table that has a key with this name."""
     for table, annotation in TABLES.items():
         for model in models_in(annotation):

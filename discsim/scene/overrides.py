@@ -10,7 +10,7 @@ from typing import Any
 from discsim.parts import EFFECTS
 from discsim.scene import tomltext
 from discsim.scene.messages import Origins, near
-from discsim.scene.reading import DEEPEST
+from discsim.scene.reading import MAX_DEPTH
 from discsim.scene.tables import removable
 from discsim.scene.units import clipped
 
@@ -18,7 +18,7 @@ _NUMBER = re.compile(r"[+-]?(?:\d[\d_]*\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 
 
 class Option(str):
-    """An override from a dedicated option; `typed` is its text in messages.
+    """An override "table.key=value" from an option of its own, such as --until; `typed` is its text in messages.
 
     >>> Option("--until", "run.until", "5"), Option("--until", "run.until", "5").typed
     ('run.until=5', '--until 5')
@@ -35,9 +35,10 @@ class Option(str):
 def changed(
     data: dict[str, Any], overrides: Sequence[str], without: Sequence[str], origins: Origins
 ) -> tuple[list[tuple[list[str], Any]], list[list[str]], list[str]]:
-    """Apply the command-line options to `data` in place.
+    """Apply the options --set (`overrides`) and --without to the tables `data` in place.
 
-    Returns the values set with their paths, the paths of the tables removed, and the problems.
+    Return the new values, each as (path, value); the paths of the removed tables; and the problems as messages.
+    `origins` receives the option as the source of each changed key.
     """
     values: list[tuple[list[str], Any]] = []
     problems: list[str] = []
@@ -48,12 +49,12 @@ def changed(
         if not equals or not all(path):
             problems.append(f'{typed}: not an assignment; expected table.key=value, like run.until="10 yr"')
             continue
-        if len(path) > DEEPEST:
+        if len(path) > MAX_DEPTH:
             problems.append(f"{typed}: nested too deeply; expected table.key=value")
             continue
         value = _override_value(written)
         try:
-            tomltext.with_value(data, path, value)
+            tomltext.set_value(data, path, value)
         except KeyError as error:
             problems.append(f"{typed}: {error.args[0]}")
             continue
@@ -68,12 +69,12 @@ def changed(
             )
             continue
         removed.append(name.split("."))
-        tomltext.without_table(data, removed[-1])
+        tomltext.remove_table(data, removed[-1])
     return values, removed, problems
 
 
 def _override_value(text: str) -> Any:
-    """Return the value of an override as TOML, as a number, or else as text.
+    """Return the value of an override, read as TOML, else as a number, else as text.
 
     Numbers that TOML does not allow (.09, 5.) are accepted. Texts need no quotes, because the shell removes them.
     """

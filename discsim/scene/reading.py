@@ -1,4 +1,4 @@
-"""Conversion of a scene's text or dict to plain tables, with the types that TOML has."""
+"""Reading of a scene file or dict into nested dicts whose values have only the types of TOML."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from discsim.scene.messages import KeyPath, SceneError, name_of
 from discsim.scene.tables import REQUIRED
 from discsim.userfiles import read_plain
 
-LARGEST_SCENE = 2**20  # bytes
-DEEPEST = 8  # nesting of tables and lists; a scene needs four levels
+MAX_SCENE_BYTES = 2**20  # bytes
+MAX_DEPTH = 8  # nesting of tables and lists; a scene needs four levels
 
 
 def read(path: Path) -> str:
     """Return the text of a scene file. Raises SceneError if it cannot be read."""
     try:
-        content = read_plain(path, LARGEST_SCENE)
+        content = read_plain(path, MAX_SCENE_BYTES)
     except FileNotFoundError:
         raise SceneError([f"{path}: file not found; expected a scene file (TOML)"]) from None
     except IsADirectoryError:
@@ -35,7 +35,7 @@ def read(path: Path) -> str:
 
 
 def parsed(path: Path, text: str) -> dict[str, Any]:
-    """Return the tables of a TOML text. Raises SceneError if it is invalid or empty."""
+    """Return the tables of the TOML text of a scene file. Raises SceneError if the text is invalid or empty."""
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -54,18 +54,21 @@ def parsed(path: Path, text: str) -> dict[str, Any]:
 
 
 def refuse_deep(data: dict[str, Any], where: str) -> None:
-    """Raise SceneError if tables and lists are nested more than DEEPEST levels deep."""
+    """Raise SceneError if tables and lists are nested more than MAX_DEPTH levels deep."""
     left: list[tuple[Any, KeyPath]] = [(data, ())]
     while left:
         value, path = left.pop()
-        if len(path) > DEEPEST:
+        if len(path) > MAX_DEPTH:
             raise SceneError([f"{where}: {name_of(path)}: nested too deeply; expected tables like [gas.eos]"])
         entries = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
         left += [(entry, (*path, key)) for key, entry in entries]
 
 
 def plain(value: Any) -> Any:
-    """Return a value of a dict scene with TOML types: Quantities as texts, arrays and tuples as lists."""
+    """Convert a value of a dict scene to TOML types: Quantities to texts, arrays and tuples to lists.
+
+    Entries of a dict that are None are left out.
+    """
     if isinstance(value, dict):
         return {str(key): plain(entry) for key, entry in value.items() if entry is not None}
     if hasattr(value, "unit") and hasattr(value, "value"):

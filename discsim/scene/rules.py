@@ -1,7 +1,7 @@
 """Rules between the tables of a scene.
 
-A rule takes a `Draft` and yields faults (path of the key, message). A rule that reads an invalid table yields
-nothing: that table has messages of its own.
+A rule takes a `Draft` and yields faults (path of the key, message). A rule ends without a fault at the first access to
+an invalid table, which has messages of its own.
 """
 
 from __future__ import annotations
@@ -13,19 +13,21 @@ from typing import TYPE_CHECKING, Any
 
 from discsim.formulas.smoothing import SMOOTHING
 from discsim.parts import EFFECTS, EOS, LAWS, SCHEMES, STARTS
-from discsim.scene.fields import MOST_SNAPSHOTS
+from discsim.scene.fields import MAX_SNAPSHOTS
 
 if TYPE_CHECKING:
     from discsim.initial.base import Start
 
-COURANT_ORBITS = 2.2  # times the limits of star and companions; steps of 2.4 times these limits eject particles
-# Artificial viscosity with alpha = DAMPING stabilises steps longer by the fraction DAMPED; less alpha, in proportion.
-DAMPING, DAMPED = 0.3, 0.5
+# The following bounds of the Courant factor are multiples of an effect's time-step limit.
+COURANT_ORBITS = 2.2  # bound by star and companions: 2.4 times their limits eject particles
+# Artificial viscosity with alpha >= STABILISING_ALPHA raises the bound by sound waves by the fraction STABILISED; a
+# smaller alpha raises it in proportion.
+STABILISING_ALPHA, STABILISED = 0.3, 0.5
 
-# Times the limit of alpha_viscosity: velocities on a lattice grow in steps of 0.82 times that limit. Sound, which this
-# viscosity damps, is stable up to 1.05 times or more, so this bound is the lower one for every kernel.
+# Bound by [alpha_viscosity]: velocities on a lattice grow at 0.82 times its limit. Sound, which this viscosity damps,
+# is stable up to 1.05 times its limit or more, so that the bound by viscosity is the lower one for every kernel.
 COURANT_VISCOUS = 0.72
-# With reconstructed velocities: at 0.7, discs of adiabatic gas with dust reach negative energies.
+# Bound for adiabatic gas with reconstructed velocities: at 0.7, discs with dust reach negative energies.
 COURANT_ADIABATIC = 0.6
 
 Problem = tuple[tuple[str | int, ...], str]
@@ -33,7 +35,7 @@ Rule = Callable[["Draft"], Iterator[Problem]]
 
 
 class InvalidTableError(Exception):
-    """Error for access to a table that the scene has but that is invalid."""
+    """Error for access to an invalid table of a scene."""
 
 
 class Draft:
@@ -52,11 +54,11 @@ class Draft:
         return self._tables.get(name)
 
     def has(self, name: str) -> bool:
-        """Return whether the scene has the table, valid or not."""
+        """Return whether the scene has the table `name`, valid or not."""
         return name in self._raw
 
     def gives(self, table: str, key: str) -> bool:
-        """Return whether the scene itself writes this key."""
+        """Return whether the scene sets this key explicitly, not by a default."""
         return isinstance(self._raw.get(table), dict) and key in self._raw[table]
 
     @property
@@ -93,7 +95,10 @@ class Draft:
 
 
 def broken_rules(draft: Draft) -> list[Problem]:
-    """Return all faults between the tables of `draft`: by RULES, and by the rules of the parts that the scene names."""
+    """Return all faults between the tables of `draft`.
+
+    The rules are RULES and those of the parts that the scene names: effects, start, equation of state, drag.
+    """
     problems: list[Problem] = []
     for rule in (*RULES, *_rules_of_parts(draft)):
         try:
@@ -119,23 +124,23 @@ def _rules_of_parts(draft: Draft) -> Iterator[Rule]:
             yield from (*SCHEMES[draft.drag.scheme].rules, *LAWS[draft.drag.law].rules)
 
 
-def _someone_is_there(draft: Draft) -> Iterator[Problem]:
+def _has_gas_or_dust(draft: Draft) -> Iterator[Problem]:
     """Yield a fault if the scene has neither gas nor dust."""
     if not draft.has("gas") and not draft.has("dust"):
         yield (), "there is neither [gas] nor [dust]; expected at least one of these tables"
 
 
 def _output_times(draft: Draft) -> Iterator[Problem]:
-    """Yield a fault if both intervals and number of snapshots are given, or for too many snapshots."""
+    """Yield a fault if both run.every and run.snapshots are given, or if run.every gives too many snapshots."""
     if draft.run and draft.run.every is not None and draft.gives("run", "snapshots"):
         yield ("run", "every"), "run.snapshots is also given; expected only one of the two"
-    elif draft.run and draft.run.every is not None and draft.run.until > MOST_SNAPSHOTS * draft.run.every:
+    elif draft.run and draft.run.every is not None and draft.run.until > MAX_SNAPSHOTS * draft.run.every:
         number = draft.run.until / draft.run.every
-        yield ("run", "every"), f"gives {number:.3g} snapshots until run.until; expected at most {MOST_SNAPSHOTS:g}"
+        yield ("run", "every"), f"gives {number:.3g} snapshots until run.until; expected at most {MAX_SNAPSHOTS:g}"
 
 
 def _periodic_cells(draft: Draft) -> Iterator[Problem]:
-    """Yield a fault if the sides of a periodic box are no whole numbers of square cells."""
+    """Yield a fault if a side of a periodic box is not a whole number of square cells."""
     space = draft.space
     if not space or space.boundary != "periodic" or not space.cells:
         return
@@ -146,7 +151,7 @@ def _periodic_cells(draft: Draft) -> Iterator[Problem]:
 
 
 def _cells_of_a_rectangle(draft: Draft) -> Iterator[Problem]:
-    """Yield a fault if a periodic box with unequal sides has no number of cells."""
+    """Yield a fault if space.cells is missing for a periodic box with unequal sides."""
     space = draft.space
     if space and space.boundary == "periodic" and not space.cells and min(space.size) < max(space.size):
         yield (
@@ -176,7 +181,7 @@ def _dimensions_of_the_start(draft: Draft) -> Iterator[Problem]:
 
 
 def _gas_of_the_start(draft: Draft) -> Iterator[Problem]:
-    """Yield a fault if the start needs gas, or another equation of state."""
+    """Yield a fault if gas is missing that the start needs, or if the start excludes the equation of state."""
     allowed = draft.start.eos if draft.start else None
     if allowed is None:
         return
@@ -190,7 +195,7 @@ def _gas_of_the_start(draft: Draft) -> Iterator[Problem]:
         )
 
 
-def _room_for_the_start(draft: Draft) -> Iterator[Problem]:
+def _size_for_the_start(draft: Draft) -> Iterator[Problem]:
     """Yield a fault if space is too small for the start."""
     if not draft.space or not draft.start or not draft.start.reach:
         return
@@ -204,11 +209,11 @@ def _room_for_the_start(draft: Draft) -> Iterator[Problem]:
 
 
 def kinds(which: Callable[[Start], Any]) -> list[str]:
-    """Return the kinds of starts that satisfy the predicate `which`."""
+    """Return the names of the starts for which `which(start)` is true."""
     return [name for name, start in STARTS.items() if which(start)]
 
 
-def _one_kick(draft: Draft) -> Iterator[Problem]:
+def _only_one_coupling(draft: Draft) -> Iterator[Problem]:
     """Yield a fault if two effects each kick gas and dust together (`Role.kicks`)."""
     owners = [name for name in EFFECTS if draft.has(name) and EFFECTS[name].role.kicks]
     if len(owners) > 1:
@@ -217,9 +222,9 @@ def _one_kick(draft: Draft) -> Iterator[Problem]:
 
 
 def longest_courant(draft: Draft) -> tuple[float, str]:
-    """Return the largest stable Courant factor and the instability beyond it; (inf, "") without a bound.
+    """Return the largest stable Courant factor, and the instability beyond it as text; (inf, "") without a bound.
 
-    Leapfrog of a frequency w is stable for w dt < 2 (docs/physics/step.md).
+    A leapfrog step dt of an oscillation with frequency w is stable for w dt < 2 (docs/physics/step.md).
     """
     gas, found = draft.gas, (math.inf, "")
     if draft.has("star") and not draft.has("background"):  # in a given disc circular orbits are exact
@@ -227,7 +232,7 @@ def longest_courant(draft: Draft) -> tuple[float, str]:
     if gas and not (draft.start and draft.start.uniform):
         braked = gas.viscosity is not None and gas.viscosity.acts_in_shear
         kernel, alpha = SMOOTHING[gas.kernel], gas.viscosity.alpha if braked else 0.0
-        sound = 2.0 / kernel.fastest[draft.dimensions - 1] * (1.0 + DAMPED * min(1.0, alpha / DAMPING))
+        sound = 2.0 / kernel.fastest[draft.dimensions - 1] * (1.0 + STABILISED * min(1.0, alpha / STABILISING_ALPHA))
         if draft.has("alpha_viscosity"):
             found = (COURANT_VISCOUS, "viscous gas is unstable")
         elif sound < found[0]:
@@ -246,24 +251,24 @@ def _stable_steps(draft: Draft) -> Iterator[Problem]:
     if draft.run.courant > most:
         yield (
             ("run", "courant"),
-            f"{draft.run.courant:g} gives time steps so long that {what}; expected at most {_floor(most)}",
+            f"{draft.run.courant:g} gives time steps so long that {what}; expected at most {_rounded_down(most)}",
         )
 
 
-def _floor(value: float) -> str:
+def _rounded_down(value: float) -> str:
     """Return a number rounded down to two decimals, as text."""
     return f"{math.floor(100.0 * value) / 100.0:g}"
 
 
 RULES: tuple[Rule, ...] = (
     _stable_steps,
-    _someone_is_there,
+    _has_gas_or_dust,
     _output_times,
     _periodic_cells,
     _cells_of_a_rectangle,
     _boundary_of_the_start,
     _dimensions_of_the_start,
     _gas_of_the_start,
-    _room_for_the_start,
-    _one_kick,
+    _size_for_the_start,
+    _only_one_coupling,
 )

@@ -1,4 +1,4 @@
-"""Short summaries of objects: text for `print`, HTML for notebooks."""
+"""Short summaries of objects for display: text for `print`, HTML for notebooks."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from html import escape
 
 from discsim.printable import printable
 
-LEFT = 'style="text-align: left"'
+LEFT_ALIGNED = 'style="text-align: left"'
 Rows = Sequence[tuple[str, object]]
 
 
 class Summarised:
-    """Base class of objects that are displayed as a title and rows of names and values."""
+    """Base class of objects whose display is a title and rows of names and values."""
 
     def summary(self) -> tuple[str, Rows]:
         """Return the title and the rows (name, value)."""
@@ -31,9 +31,12 @@ class Summarised:
 
     def _repr_html_(self) -> str:
         title, rows = self.summary()
-        cells = "".join(f"<tr><th {LEFT}>{_safe(name)}</th><td {LEFT}>{_safe(value)}</td></tr>" for name, value in rows)
-        return f"<p><strong>{_safe(title)}</strong></p><table>{cells}</table>"
+        cells = "".join(
+            f"<tr><th {LEFT_ALIGNED}>{_html(name)}</th><td {LEFT_ALIGNED}>{_html(value)}</td></tr>"
+            for name, value in rows
+        )
+        return f"<p><strong>{_html(title)}</strong></p><table>{cells}</table>"
 
 
-def _safe(text: object) -> str:
+def _html(text: object) -> str:
     return escape(printable(text))

@@ -1,4 +1,7 @@
-"""The tables of a scene by name. Tables of the run are defined here; effects and starts define their own."""
+"""The types of all tables of a scene by name.
+
+[units], [run] and [space] are defined here; the tables of effects and starts are defined by their modules.
+"""
 
 from __future__ import annotations
 
@@ -10,8 +13,9 @@ from pydantic import BeforeValidator, Field
 
 from discsim.parts import EFFECTS, INTEGRATORS, STARTS
 from discsim.scene.fields import (
-    MOST_COURANT,
-    MOST_SNAPSHOTS,
+    MAX_COURANT,
+    MAX_SNAPSHOTS,
+    AllowedValues,
     Count,
     Default,
     Measure,
@@ -19,7 +23,6 @@ from discsim.scene.fields import (
     Seconds,
     Table,
     Time,
-    Words,
     kinds_of,
     measure_of,
     models_in,
@@ -28,8 +31,8 @@ from discsim.scene.fields import (
     word_of,
 )  # fmt: skip
 
-# Default Courant factors. In waves and blasts the error of the step matters; in discs, two seeds differ by more
-# (docs/cost.md).
+# Default Courant factors. In waves and blasts the error of the time step matters; in discs it is smaller than the
+# difference between two seeds (docs/cost.md).
 COURANT, COURANT_OF_DISCS = 0.3, 0.6
 IntegratorName: Any = word_of(INTEGRATORS)
 
@@ -45,12 +48,12 @@ class UnitsTable(Table):
 class Run(Table):
     until: Time = Field(gt=0, description="end time; the last step lands on it exactly")
     snapshots: Count = Field(
-        10, ge=1, le=MOST_SNAPSHOTS, description="number of snapshots after the initial one, evenly spaced in time"
+        10, ge=1, le=MAX_SNAPSHOTS, description="number of snapshots after the initial one, evenly spaced in time"
     )
     every: Time | None = Field(None, gt=0, description="time between snapshots, instead of their number")
     seed: Count = Field(1, ge=0, description="seed of the random numbers")
     courant: Annotated[Number, Default(f"{COURANT}; with a star {COURANT_OF_DISCS}")] = Field(
-        gt=0, le=MOST_COURANT, description="Courant factor: time step as a fraction of each effect's limit"
+        gt=0, le=MAX_COURANT, description="Courant factor: time step as a fraction of each effect's limit"
     )
     timestep: Time | None = Field(None, gt=0, description="fixed time step, instead of a variable one")
     integrator: IntegratorName = Field(
@@ -59,10 +62,10 @@ class Run(Table):
     threads: Annotated[Count | None, Default("all cores")] = Field(
         None, ge=1, description="number of threads; results do not depend on it"
     )
-    checkpoint_every: Annotated[Seconds, Default('"10 min"'), Words("wall-clock time")] = Field(
+    checkpoint_every: Annotated[Seconds, Default('"10 min"'), AllowedValues("wall-clock time")] = Field(
         600.0, description="wall-clock time between checkpoints"
     )
-    walltime: Annotated[Seconds | None, Words("wall-clock time")] = Field(
+    walltime: Annotated[Seconds | None, AllowedValues("wall-clock time")] = Field(
         None, description='wall-clock limit, like "2 h"; the run then writes a checkpoint and stops'
     )
 
@@ -81,7 +84,7 @@ class Space(Table):
 class Tables(Mapping[str, Any]):
     """Mapping from the name of a table to its type, which is imported at look-up.
 
-    The type is a tuple for tables that may occur several times.
+    The type of a table that may occur several times is a tuple.
     """
 
     _own: ClassVar[dict[str, Any]] = {"units": UnitsTable, "run": Run, "space": Space}
@@ -111,13 +114,13 @@ REQUIRED = ("run", "space", "initial")
 
 
 def optional_tables(model: type[Table]) -> list[str]:
-    """Return the keys of a table whose values are optional tables: parts of an effect such as gas.viscosity."""
+    """Return the keys of a table model whose values are optional tables, such as `viscosity` of [gas]."""
     fields = {key: field for key, field in model.model_fields.items() if not field.is_required()}
     return [key for key, field in fields.items() if models_in(field.annotation) and measure_of(field) is None]
 
 
 def removable() -> list[str]:
-    """Return the names that `--without` accepts, in the order of a step: effects and their optional parts."""
+    """Return the names that `--without` accepts: effects in the order of a step, each with its optional parts."""
     names = []
     for effect in EFFECTS:
         names += [effect, *(f"{effect}.{part}" for part in optional_tables(EFFECTS[effect].keys))]

@@ -1,6 +1,6 @@
 """Line numbers of the keys in a TOML text, and edits that preserve its comments.
 
-`tomllib` reads values but no line numbers. `positions` scans a text that tomllib has accepted, and so needs no
+`tomllib` reads values but no line numbers. `line_numbers` scans a text that tomllib has accepted, and so needs no
 checks of syntax.
 """
 
@@ -20,7 +20,7 @@ _STRING = re.compile(r'"""(?:\\.|[^\\])*?"{3,5}|' + r"'''.*?'{3,5}|" + r'"(?:\\.
 _SCALAR = re.compile(r"[^,\]}#\n]+")
 
 
-def positions(text: str) -> dict[Path, int]:
+def line_numbers(text: str) -> dict[Path, int]:
     """Return the line (from 1) of every table, key and list entry of a valid TOML text, by path.
 
     List entries, also those of `[[dust]]`, have their index in the path: ("dust", 0, "ratio").
@@ -28,8 +28,8 @@ def positions(text: str) -> dict[Path, int]:
     return _Scanner(text).scan()
 
 
-def without_table(data: dict[str, Any], path: Sequence[str]) -> None:
-    """Remove the table `path` from nested tables in place, if present."""
+def remove_table(data: dict[str, Any], path: Sequence[str]) -> None:
+    """Remove the table at `path` from the nested tables `data` in place, if it exists."""
     for name in path[:-1]:
         data = data.get(name, {})
         if not hasattr(data, "get"):
@@ -37,39 +37,43 @@ def without_table(data: dict[str, Any], path: Sequence[str]) -> None:
     data.pop(path[-1], None)
 
 
-def with_value(data: Any, path: Sequence[str], value: Any) -> None:
-    """Set the key `path` in nested tables in place; missing tables are created.
+def set_value(data: Any, path: Sequence[str], value: Any) -> None:
+    """Set the key at `path` in the nested tables `data` in place, and create missing tables.
 
-    Raises KeyError with a message if the path crosses a value that is no table.
+    Raises KeyError with a message if the path crosses a value that is not a table.
     """
     for depth, name in enumerate(path[:-1]):
         is_list = isinstance(data, list)
-        data = data[_index(data, name, path[:depth])] if is_list else data.setdefault(name, {})
+        data = data[_list_index(data, name, path[:depth])] if is_list else data.setdefault(name, {})
         if not isinstance(data, dict | list):
             raise KeyError(f"{'.'.join(path[: depth + 1])} is not a table")
     if isinstance(data, list):
-        data[_index(data, path[-1], path[:-1])] = value
+        data[_list_index(data, path[-1], path[:-1])] = value
     else:
         data[path[-1]] = value
 
 
-def _index(data: list[Any], name: str, path: Sequence[str]) -> int:
-    """Return the list index that `name` is. Raises KeyError with a message for any other name."""
+def _list_index(data: list[Any], name: str, path: Sequence[str]) -> int:
+    """Return `name` as an index of the list `data`. Raises KeyError with a message if it is not a valid index.
+
+    path: path of the list, for the message.
+    """
     if not name.isdecimal() or int(name) >= len(data):
         where = ".".join(path)
         raise KeyError(f'"{where}" is a list; expected an index from 0 to {len(data) - 1} after it, as in {where}.0')
     return int(name)
 
 
-def edited(
+def edit(
     text: str,
     data: dict[str, Any],
     values: Sequence[tuple[Sequence[str], Any]],
     removed: Sequence[Sequence[str]],
 ) -> str:
-    """Return `text` with `values` set and the tables `removed` taken out, with its comments. It parses to `data`.
+    """Return the TOML text `text` after edits, with its comments; the result parses to `data`.
 
-    Comments are lost if tomlkit cannot make the edit.
+    values: (path, value) of each key to set. removed: paths of the tables to remove. Comments are lost if tomlkit
+    cannot make the edits.
     """
     if not values and not removed:
         return text
@@ -78,18 +82,18 @@ def edited(
     try:
         document = tomlkit.parse(text)
         for path, value in values:
-            with_value(document, path, value)
+            set_value(document, path, value)
         for path in removed:
-            without_table(document, path)
+            remove_table(document, path)
         result = tomlkit.dumps(document)
         if tomllib.loads(result) == data:
             return result
     except (tomlkit.exceptions.TOMLKitError, ValueError, KeyError, TypeError):
         pass  # an order of tables that tomlkit cannot edit: values matter more than comments
-    return dumped(data)
+    return dump(data)
 
 
-def dumped(data: dict[str, Any]) -> str:
+def dump(data: dict[str, Any]) -> str:
     """Return nested tables as TOML text."""
     import tomlkit
 
@@ -108,14 +112,14 @@ class _Scanner:
 
     def scan(self) -> dict[Path, int]:
         table: Path = ()
-        while self._blank() < len(self.text):
+        while self._skip_blank() < len(self.text):
             if self.text.startswith("[", self.at):
-                table = self._header()
+                table = self._read_header()
             else:
-                self._pair(table)
+                self._read_pair(table)
         return self.lines
 
-    def _blank(self) -> int:
+    def _skip_blank(self) -> int:
         self.at = self._match(_BLANK).end()
         return self.at
 
@@ -125,37 +129,37 @@ class _Scanner:
             raise ValueError(f"not TOML from character {self.at} on: {self.text[self.at : self.at + 20]!r}")
         return found
 
-    def _take(self, pattern: re.Pattern[str]) -> str:
+    def _read(self, pattern: re.Pattern[str]) -> str:
         found = self._match(pattern)
         self.at = found.end()
         return found[0]
 
-    def _line(self) -> int:
+    def _line_number(self) -> int:
         return bisect_right(self.breaks, self.at - 1) + 1
 
-    def _note(self, path: Path, line: int) -> None:
-        """Record the line of a path, and of enclosing tables without a header."""
+    def _record(self, path: Path, line: int) -> None:
+        """Record the line of a path, also for enclosing tables that have no line so far."""
         self.lines[path] = line
         for end in range(1, len(path)):  # tables without a header of their own
             self.lines.setdefault(path[:end], line)
 
-    def _header(self) -> Path:
-        line = self._line()
+    def _read_header(self) -> Path:
+        line = self._line_number()
         many = self.text.startswith("[[", self.at)
         self.at += 2 if many else 1
-        keys = self._keys()
+        keys = self._read_dotted_key()
         self.at += 2 if many else 1
-        path = (*self._inside(keys[:-1]), keys[-1])
+        path = (*self._indexed_path(keys[:-1]), keys[-1])
         if many:
             self.lengths[path] = self.lengths.get(path, 0) + 1
             self.lines.setdefault(path, line)
         if path in self.lengths:
             path += (self.lengths[path] - 1,)
-        self._note(path, line)
+        self._record(path, line)
         return path
 
-    def _inside(self, keys: list[str]) -> Path:
-        """Return the path of the table named by `keys`, with the index of the last entry of each array of tables."""
+    def _indexed_path(self, keys: list[str]) -> Path:
+        """Return `keys` as a path; after each array of tables, the index of its last entry so far is inserted."""
         path: Path = ()
         for key in keys:
             path += (key,)
@@ -163,50 +167,50 @@ class _Scanner:
                 path += (self.lengths[path] - 1,)
         return path
 
-    def _keys(self) -> list[str]:
+    def _read_dotted_key(self) -> list[str]:
         keys = []
         while True:
-            self._blank()
+            self._skip_blank()
             if self.text[self.at] in "\"'":
-                keys.append(tomllib.loads("k=" + self._take(_STRING))["k"])
+                keys.append(tomllib.loads("k=" + self._read(_STRING))["k"])
             else:
-                keys.append(self._take(_BARE_KEY))
-            self._blank()
+                keys.append(self._read(_BARE_KEY))
+            self._skip_blank()
             if not self.text.startswith(".", self.at):
                 return keys
             self.at += 1
 
-    def _pair(self, table: Path) -> None:
-        line = self._line()
-        path = table + tuple(self._keys())
-        self._note(path, line)
+    def _read_pair(self, table: Path) -> None:
+        line = self._line_number()
+        path = table + tuple(self._read_dotted_key())
+        self._record(path, line)
         self.at += 1  # the equals sign
-        self._blank()
-        self._value(path)
+        self._skip_blank()
+        self._skip_value(path)
 
-    def _value(self, path: Path) -> None:
+    def _skip_value(self, path: Path) -> None:
         start = self.text[self.at]
         if start == "[":
-            self._sequence("]", path)
+            self._read_bracketed("]", path)
         elif start == "{":
-            self._sequence("}", path)
+            self._read_bracketed("}", path)
         else:
-            self._take(_STRING if start in "\"'" else _SCALAR)
+            self._read(_STRING if start in "\"'" else _SCALAR)
 
-    def _sequence(self, end: str, path: Path) -> None:
+    def _read_bracketed(self, end: str, path: Path) -> None:
         """Scan an array, or the pairs of an inline table, up to the bracket `end`."""
         self.at += 1
         count = 0
         while True:
-            self._blank()
+            self._skip_blank()
             if self.text[self.at] == end:
                 self.at += 1
                 return
             if self.text[self.at] == ",":
                 self.at += 1
             elif end == "}":
-                self._pair(path)
+                self._read_pair(path)
             else:
-                self._note((*path, count), self._line())
-                self._value((*path, count))
+                self._record((*path, count), self._line_number())
+                self._skip_value((*path, count))
                 count += 1

@@ -1,4 +1,4 @@
-"""Code units: G = 1, so one length and one mass fix the time, T = sqrt(L^3 / (G M)).
+"""Code units with G = 1: units of length L and mass M fix the unit of time, T = sqrt(L^3 / (G M)).
 
 Quantities with units are converted on input and on output; all computation is in code units. A dimension has a name
 ("length") and exponents of mass, length and time. The density of a scene is a surface density in 2D (M/L^2) and a
@@ -52,7 +52,7 @@ EXAMPLES = {
     "opacity": "1 cm2/g",
 }
 
-_COMMON_UNITS = (
+_UNITS_FOR_HINTS = (
     "au", "pc", "km", "m", "cm", "mm", "um", "Rsun", "Msun", "Mearth", "Mjup", "kg", "g",
     "yr", "kyr", "Myr", "day", "hour", "min", "s", "km/s", "m/s", "cm/s", "g/cm2", "g/cm3", "kg/m3",
 )  # fmt: skip
@@ -61,18 +61,18 @@ _NUMBER = re.compile(r"\s*([+-]?(?:\d[\d_]*\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?(
 
 
 class UnitError(ValueError):
-    """A text that is no quantity, or a quantity of the wrong dimension; the message has the expected form."""
+    """Error for a text that is not a quantity, or has the wrong dimension; the message says what is expected."""
 
 
-ECHOED = 80  # largest number of characters of the user's text in a message
-# Allowed code units, in cm and g: their powers, and products of powers, do not overflow.
+MAX_ECHO = 80  # largest number of characters of the user's text in a message
+# Smallest and largest code units, in cm and g. Between them, products of powers of the code units do not overflow.
 RANGES = {"length": (1e-20, 1e40, "cm"), "mass": (1e-40, 1e60, "g")}
 
 
 def clipped(text: str) -> str:
-    """Return a text for a message: printable, and at most ECHOED characters."""
+    """Return a text for a message: printable, and at most MAX_ECHO characters."""
     text = printable(text)
-    return text if len(text) <= ECHOED else text[: ECHOED - 3] + "..."
+    return text if len(text) <= MAX_ECHO else text[: MAX_ECHO - 3] + "..."
 
 
 def a(name: str) -> str:
@@ -82,9 +82,10 @@ def a(name: str) -> str:
 
 
 def parse_quantity(text: str, expected: str = 'a number and a unit, like "10 au"') -> Any:
-    """Return `text` ("0.6 au") as an astropy Quantity; `expected` describes the expected value in messages.
+    """Convert `text` ("0.6 au") to an astropy Quantity.
 
-    Raises UnitError if there is no number, no unit or an unknown unit, or if the value is not finite.
+    expected: description of the expected value, for messages. Raises UnitError if the text has no number, no unit or
+    an unknown unit, or if the number is not finite.
     """
     from discsim.scene.astropy_units import units as u
 
@@ -95,7 +96,7 @@ def parse_quantity(text: str, expected: str = 'a number and a unit, like "10 au"
     number, name = float(match[1]), match[2].strip()
     if not name:
         raise UnitError(f'"{text}" has no unit; expected {expected}')
-    if len(name) > ECHOED:
+    if len(name) > MAX_ECHO:
         raise UnitError(f'"{text}": unknown unit; expected an astropy unit')
     try:
         with warnings.catch_warnings():
@@ -103,7 +104,7 @@ def parse_quantity(text: str, expected: str = 'a number and a unit, like "10 au"
             unit = u.Unit("1" + name if name[0] == "/" else name)
             unit.decompose()
     except (ValueError, TypeError, AttributeError, ArithmeticError) as error:
-        near = get_close_matches(name, _COMMON_UNITS, n=1, cutoff=0.5)
+        near = get_close_matches(name, _UNITS_FOR_HINTS, n=1, cutoff=0.5)
         hint = f'; did you mean "{near[0]}"?' if near else ""
         raise UnitError(f'"{text}": unknown unit "{name}"; expected an astropy unit{hint}') from error
     if not math.isfinite(number):
@@ -167,12 +168,12 @@ class Units:
     @cached_property
     def length(self) -> Any:
         """The code unit of length as an astropy unit; None in the code system."""
-        return self._unit(self.length_text)
+        return self._parsed_unit(self.length_text)
 
     @cached_property
     def mass(self) -> Any:
         """The code unit of mass as an astropy unit; None in the code system."""
-        return self._unit(self.mass_text)
+        return self._parsed_unit(self.mass_text)
 
     @cached_property
     def time(self) -> Any:
@@ -187,16 +188,16 @@ class Units:
     @property
     def velocity(self) -> Any:
         """The code unit of velocity as an astropy unit; None in the code system."""
-        return self._product("velocity")
+        return self._code_unit("velocity")
 
     @property
     def density(self) -> Any:
         """The code unit of density as an astropy unit: per area in 2D, per volume in 1D; None in the code system."""
-        return self._product("density")
+        return self._code_unit("density")
 
     def cgs(self, name: str) -> float:
         """Return the code unit of the dimension `name` in cgs; 1 in the code system."""
-        return self._factor(self.exponents(name))
+        return self._cgs_factor(self.exponents(name))
 
     def quantity(self, array: Any, name: str) -> Any:
         """Return `array`, in code units of the dimension `name`, as an astropy Quantity.
@@ -205,31 +206,37 @@ class Units:
         """
         from discsim.scene.astropy_units import units as u
 
-        return u.Quantity(array, self._product(name) or u.dimensionless_unscaled)
+        return u.Quantity(array, self._code_unit(name) or u.dimensionless_unscaled)
 
     def to_code(self, quantity: Any) -> Any:
-        """Return an astropy Quantity as float or array in code units.
+        """Convert an astropy Quantity to a float or array in code units.
 
         Raises UnitError if its unit has other bases than mass, length and time.
         """
-        return quantity.value * self._scale(quantity, self._powers(quantity))
+        return quantity.value * self._conversion_factor(quantity, self._exponents_of(quantity))
 
     def in_code(self, quantity: Any, name: str) -> Any:
-        """Return an astropy Quantity in code units. Raises UnitError unless it has the dimension `name`."""
-        if self.system == "code" and not any(self._powers(1 * quantity.unit)):
+        """Convert an astropy Quantity to code units. Raises UnitError unless it has the dimension `name`.
+
+        In the code system a dimensionless Quantity is also accepted.
+        """
+        if self.system == "code" and not any(self._exponents_of(1 * quantity.unit)):
             return self.to_code(quantity)
-        return quantity.value * self._factor_to(1 * quantity.unit, f"{quantity.unit}", name)
+        return quantity.value * self._checked_factor(1 * quantity.unit, f"{quantity.unit}", name)
 
     def parse(self, text: str, name: str, gamma: float = 1.0) -> float:
-        """Return a text such as "0.6 au" in code units. Raises UnitError unless it has the dimension `name`."""
+        """Convert a text such as "0.6 au" to code units. Raises UnitError unless it has the dimension `name`.
+
+        gamma: adiabatic index, for the dimension "polytropic_constant".
+        """
         quantity = parse_quantity(text, self.expected(name, gamma))
-        value = quantity.value * self._factor_to(quantity, clipped(text), name, gamma)
+        value = quantity.value * self._checked_factor(quantity, clipped(text), name, gamma)
         if not math.isfinite(value):
             raise UnitError(f'"{clipped(text)}" is too large or too small in code units; expected a finite number')
         return value
 
     def of_text(self, text: str, name: str) -> float:
-        """Return a text in code units: as `parse`, but in the code system the text is a plain number.
+        """Convert a text to code units, as in `parse`; in the code system the text has to be a plain number.
 
         Raises UnitError.
         """
@@ -243,21 +250,24 @@ class Units:
             raise UnitError(f'"{clipped(text)}" is not a finite number; expected {a(name)} in code units')
         return value
 
-    def _factor_to(self, quantity: Any, text: str, name: str, gamma: float = 1.0) -> float:
-        """Return the factor from a quantity's unit to code units. Raises UnitError unless the dimension is `name`."""
+    def _checked_factor(self, quantity: Any, text: str, name: str, gamma: float = 1.0) -> float:
+        """Return the factor from a quantity's unit to code units. Raises UnitError unless the dimension is `name`.
+
+        text: the quantity in the message.
+        """
         try:
-            found = self._powers(quantity)
+            found = self._exponents_of(quantity)
         except UnitError as error:
             raise UnitError(f"{error}; expected {self.expected(name, gamma)}") from error
         if any(abs(x - y) > 1e-9 for x, y in zip(found, self.exponents(name, gamma), strict=True)):
             raise UnitError(f'"{text}" is {_dimension_words(quantity)}; expected {self.expected(name, gamma)}')
-        return self._scale(quantity, found)
+        return self._conversion_factor(quantity, found)
 
     def expected(self, name: str, gamma: float = 1.0) -> str:
-        """Return a description, with an example, of a value of the dimension `name`, for messages."""
-        example = EXAMPLES.get(self._plain_name(name))
+        """Return a description of a value of the dimension `name` for messages, like 'a length, like "10 au"'."""
+        example = EXAMPLES.get(self._density_resolved(name))
         if example:
-            return f'{a(self._plain_name(name))}, like "{example}"'
+            return f'{a(self._density_resolved(name))}, like "{example}"'
         return f'{a(name)}, like "1 {self._cgs_unit(self.exponents(name, gamma))}"'
 
     def show(self, value: float, name: str, gamma: float = 1.0) -> str:
@@ -265,8 +275,8 @@ class Units:
         if self.system == "code" or value == 0:
             return f"{value:.4g}"
         exponents = self.exponents(name, gamma)
-        in_cgs = value * self._factor(exponents)
-        for text, least in _SHOWN.get(self._plain_name(name), ()):
+        in_cgs = value * self._cgs_factor(exponents)
+        for text, least in _DISPLAY_UNITS.get(self._density_resolved(name), ()):
             shown = in_cgs / _cgs_value(text)
             if abs(shown) >= least:
                 return f"{shown:.4g} {text}"
@@ -276,12 +286,12 @@ class Units:
         """Return the time `t`, in code units, as text: "123.4 yr"; a bare number in the code system."""
         return self.show(t, "time")
 
-    def _plain_name(self, name: str) -> str:
+    def _density_resolved(self, name: str) -> str:
         if name == "density":
             return "surface_density" if self.dimensions == 2 else "volume_density"
         return name
 
-    def _unit(self, text: str) -> Any:
+    def _parsed_unit(self, text: str) -> Any:
         if self.system == "code":
             return None
         from discsim.scene.astropy_units import units as u
@@ -289,7 +299,7 @@ class Units:
         quantity = parse_quantity(text)
         return quantity.unit if quantity.value == 1 else u.Unit(quantity)
 
-    def _product(self, name: str) -> Any:
+    def _code_unit(self, name: str) -> Any:
         if self.system == "code":
             return None
         mass, length, time = self.exponents(name)
@@ -303,10 +313,10 @@ class Units:
 
         return (self.mass.to(u.g), self.length.to(u.cm), self.time.to(u.s))
 
-    def _factor(self, exponents: Exponents) -> float:
+    def _cgs_factor(self, exponents: Exponents) -> float:
         return math.prod(base**power for base, power in zip(self._bases_cgs, exponents, strict=True))
 
-    def _powers(self, quantity: Any) -> Exponents:
+    def _exponents_of(self, quantity: Any) -> Exponents:
         """Return the exponents of mass, length and time of a quantity's unit.
 
         Raises UnitError if the unit has other bases, or for any unit in the code system.
@@ -323,16 +333,19 @@ class Units:
             raise UnitError(f'"{quantity}" has a unit, but the scene is in code units')
         return exponents
 
-    def _scale(self, quantity: Any, exponents: Exponents) -> float:
-        """Return the factor from the unit of a quantity with these exponents to code units. Raises UnitError."""
+    def _conversion_factor(self, quantity: Any, exponents: Exponents) -> float:
+        """Return the factor from the unit of a quantity to code units. Raises UnitError if the factor overflows.
+
+        exponents: those of mass, length and time of the unit.
+        """
         from discsim.scene.astropy_units import units as u
 
-        # If the code unit is 1 au, 1 au is exactly 1, not 1 + 1e-16.
+        # Convert lengths and masses directly: if the code unit is 1 au, 1 au is exactly 1, not 1 + 1e-16.
         for name, own in (("mass", self.mass), ("length", self.length)):
             if own is not None and exponents == DIMENSIONS[name]:
                 return float(quantity.unit.to(own))
         try:
-            return float(quantity.unit.decompose(bases=[u.g, u.cm, u.s]).scale / self._factor(exponents))
+            return float(quantity.unit.decompose(bases=[u.g, u.cm, u.s]).scale / self._cgs_factor(exponents))
         except ArithmeticError:  # overflow, for example of cm100 for a steep polytrope
             wrong = f"{quantity.unit} overflows in code units"
             raise UnitError(f"{wrong}; expected smaller powers, or other code units") from None
@@ -351,8 +364,8 @@ class Units:
         return " ".join(parts)
 
 
-# Units of displayed values, each with the smallest value that it is used for.
-_SHOWN = {
+# Units of displayed values by dimension, in the order in which they are tried: (unit, smallest value shown in it).
+_DISPLAY_UNITS = {
     "time": (("yr", 0.1), ("day", 0.1), ("s", 0.0)),
     "length": (("au", 1e-3), ("km", 1.0), ("m", 1.0), ("cm", 1.0), ("mm", 1.0), ("um", 1.0), ("nm", 0.0)),
     "mass": (("Msun", 1e-5), ("Mearth", 1e-7), ("g", 0.0)),

@@ -19,7 +19,7 @@ from statistics import fmean
 from rich.console import Console
 
 from discsim.output.files import appended, replace_atomically
-from discsim.preview.accuracy import learn
+from discsim.preview.accuracy import store_error
 from discsim.printable import printable
 from discsim.scene import load_scene, near
 from discsim.scene.units import UnitError, clock, seconds
@@ -344,7 +344,7 @@ class Cheapest:
             there = self.runner.trials[trial]
             changes = [f"{key}={value}" for key, value in self.settings_of(there).items()]
             scene = load_scene(self.path, [*self.settings, *changes], self.without)
-            learn(scene, self.measure.name, there.error, there.cpu)
+            store_error(scene, self.measure.name, there.error, there.cpu)
 
     def _write_cheapest(self) -> None:
         assert self.found is not None

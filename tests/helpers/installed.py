@@ -22,7 +22,7 @@ def looked_up_anew():
     """What this process remembers of the parts that there are is forgotten, before and after."""
 
     def forget():
-        parts.of_packages.cache_clear()
+        parts.package_entry_points.cache_clear()
         for registry in vars(parts).values():
             if isinstance(registry, parts.Parts):
                 registry.__dict__.pop("homes", None)

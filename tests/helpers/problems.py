@@ -4,7 +4,7 @@ import numpy as np
 
 from discsim import Simulation
 from discsim.exact import gresho, sedov, settling
-from discsim.initial.blast import front
+from discsim.initial.blast import shock_front
 
 
 def layer(stop, until, law="stopping-time", particles=120, gas=None):
@@ -51,7 +51,7 @@ def blast(particles, ratio=0.0, stop=0.0, sound_speed=0.01):
     sim = Simulation(tables)
     before = energy(sim)
     sim.run()
-    return [front(p, particles**-0.5) / 0.35 for p in sim.state.species.values()], energy(sim) / before - 1.0
+    return [shock_front(p, particles**-0.5) / 0.35 for p in sim.state.species.values()], energy(sim) / before - 1.0
 
 
 def energy(sim):

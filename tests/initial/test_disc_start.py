@@ -227,7 +227,7 @@ def test_velocities_are_found_in_pieces(monkeypatch):
     """With the bits of those that are found all at a time; of gas and dust that drift."""
     scene, found = load_scene(tomllib.loads(DISC)), []
     for piece in (10_000, 77):
-        monkeypatch.setattr(balance, "PIECE", piece)
+        monkeypatch.setattr(balance, "CHUNK", piece)
         state = begin(scene).state
         found.append([p.vel.tobytes() for p in state.species.values()])
     assert found[0] == found[1]

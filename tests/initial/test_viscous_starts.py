@@ -49,7 +49,7 @@ def test_the_ring_is_that_of_lynden_bell_and_pringle():
     # Particles come in rings, of which the largest has 2.2% of them.
     np.testing.assert_allclose(found, np.interp(places, x, within), atol=0.025)
     nu = 0.05 * 0.05**2
-    assert viscous_ring.one_nu(sim.scene) == pytest.approx(nu, rel=1e-12)
+    assert viscous_ring.uniform_nu(sim.scene) == pytest.approx(nu, rel=1e-12)
     np.testing.assert_allclose(radial, spreading_ring.radial_velocity(r, 0.016, nu), rtol=1e-9)
     # v^2 / r = 1 / r^2 + (1 / Sigma) dP/dr, H / r = .05.
     step = 1e-4

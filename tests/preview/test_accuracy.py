@@ -63,7 +63,7 @@ def test_what_is_not_known_is_said():
 
 def test_errors_of_runs_are_those_of_the_same_settings():
     scene = load_scene(TWIN)
-    accuracy.learn(scene, "dust-profile", 0.0153, 85.0)
+    accuracy.store_error(scene, "dust-profile", 0.0153, 85.0)
     row = re.search(r"measured error \(dust-profile\)\s+(.*)", report(scene))
     assert row and row[1] == "1.5%, in 85 s of CPU"
     # Titles, threads, seeds and snapshots change no error; settings and the time do.
@@ -71,7 +71,7 @@ def test_errors_of_runs_are_those_of_the_same_settings():
     assert "measured error" in report(load_scene(TWIN, same))
     for other in ("run.courant=0.7", 'run.until="1000 yr"', "gas.particles=40_001"):
         assert "measured error" not in report(load_scene(TWIN, [other]))
-    accuracy.learn(scene, "dust-profile", 0.02, 80.0)  # later runs take the place of earlier ones
+    accuracy.store_error(scene, "dust-profile", 0.02, 80.0)  # later runs take the place of earlier ones
     assert report(scene).count("measured error") == 1 and "2%, in 80 s" in report(scene)
 
 
@@ -82,7 +82,7 @@ def test_a_broken_store_is_no_store(monkeypatch, tmp_path):
         (tmp_path / "discsim").mkdir(exist_ok=True)
         (tmp_path / "discsim" / "errors.json").write_text(text)
         assert "measured error" not in report(scene)
-    accuracy.learn(scene, "gas-modes", 0.1, 1.0)
+    accuracy.store_error(scene, "gas-modes", 0.1, 1.0)
     assert "measured error (gas-modes)" in report(scene)
     monkeypatch.setenv("XDG_CACHE_HOME", "/dev/null")
-    accuracy.learn(scene, "gas-modes", 0.1, 1.0)  # nothing can be kept there
+    accuracy.store_error(scene, "gas-modes", 0.1, 1.0)  # nothing can be kept there

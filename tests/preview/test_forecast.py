@@ -19,7 +19,7 @@ from discsim.effects.base import Counts
 from discsim.effects.drag import Effect as Drag
 from discsim.effects.gas import NEIGHBOUR, SLOPES
 from discsim.preview.check import report
-from discsim.preview.forecast import expected_steps, forecast, known_runs, learn, slowness
+from discsim.preview.forecast import expected_steps, forecast, known_runs, slowness, store_slowness
 from discsim.preview.outlook import Outlooks
 from discsim.run.runner import run_scene
 from setups import SETUPS
@@ -292,7 +292,7 @@ def test_neighbours_cost_by_their_number(kernel, reach, store):
 def run_here(scene, slow, cpu=100.0, wall=None):
     """As if a run had taken `slow` times the stored figures, and so many CPU seconds."""
     step = slow * forecast(scene).step_seconds / slowness()
-    learn(scene, cpu / step, cpu, cpu if wall is None else wall)
+    store_slowness(scene, cpu / step, cpu, cpu if wall is None else wall)
 
 
 def test_the_next_forecast_knows_this_machine(store):
@@ -323,7 +323,7 @@ def test_runs_that_say_nothing_of_the_machine_are_not_learnt_from(store):
 
 def test_a_run_that_has_ended_is_learnt_from(store, tmp_path, monkeypatch):
     """Here where any run is long enough: its own CPU seconds a step, over those of the stored figures."""
-    for name in ("LONG", "QUIET", "HEAVY_STEP"):
+    for name in ("MIN_CPU_SECONDS", "MIN_CPU_FRACTION", "MIN_STEP_SECONDS"):
         monkeypatch.setattr(f"discsim.preview.forecast.{name}", 0.0)
     scene = load_scene("setups/star_dust.toml", ["dust.particles=2000", "run.snapshots=1", "run.courant=0.1"])
     start = time.process_time()
@@ -393,6 +393,6 @@ def test_time_is_foreseen(setup, store):
         start, left[0] = time.process_time(), 20
         sim.evolve(np.inf, enough)
         taken[name] = (time.process_time() - start) / 20
-    learn(load_scene("setups/fragmenting_disc.toml"), 1000, 1000 * taken["fragmenting_disc"], 0.0)
+    store_slowness(load_scene("setups/fragmenting_disc.toml"), 1000, 1000 * taken["fragmenting_disc"], 0.0)
     expected = forecast(load_scene(f"setups/{setup}.toml")).step_seconds
     assert 1 / 1.5 < expected / taken[setup] < 1.5

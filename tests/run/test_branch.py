@@ -40,7 +40,7 @@ def run(tmp_path_factory):
     """A finished run with a companion whose mass still grows, in an inertial frame, from a file with comments."""
     folder = tmp_path_factory.mktemp("run")
     path = folder / "scene.toml"
-    path.write_text("# A disc.\n" + tomltext.dumped(SCENE).replace("\n[drag]", "\n# drag it is\n[drag]"))
+    path.write_text("# A disc.\n" + tomltext.dump(SCENE).replace("\n[drag]", "\n# drag it is\n[drag]"))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("discsim.output.figure.last_state_figure", lambda snapshot, figure: figure.touch())
         assert run_scene(load_scene(path), folder / "a", quiet=True) == 0

@@ -58,7 +58,7 @@ def test_positions_know_every_path_that_tomllib_reads(text):
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError:
         return  # tables defined twice: another test's matter
-    found = tomltext.positions(text)
+    found = tomltext.line_numbers(text)
     assert set(found) == set(paths(data))
     assert all(1 <= line <= text.count("\n") + 1 for line in found.values())
 
@@ -67,7 +67,7 @@ def test_positions_know_every_path_that_tomllib_reads(text):
 def test_positions_count_lines(entries):
     """Every key is on the line where its name stands: found by looking for it."""
     text = "".join(f"{space}\nkey-{i} = {value}\n" for i, (value, space) in enumerate(entries))
-    found = tomltext.positions(text)
+    found = tomltext.line_numbers(text)
     for i in range(len(entries)):
         assert text.split("\n")[found[(f"key-{i}",)] - 1].startswith(f"key-{i} =")
 
@@ -81,7 +81,7 @@ def test_edited_text_reads_as_the_edited_data(text, path):
     if "nan" in text:
         return  # it does not equal itself
     try:
-        tomltext.with_value(data, path, "new")
+        tomltext.set_value(data, path, "new")
     except KeyError:
         return
-    assert tomllib.loads(tomltext.edited(text, data, [(path, "new")], [])) == data
+    assert tomllib.loads(tomltext.edit(text, data, [(path, "new")], [])) == data

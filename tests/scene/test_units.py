@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from discsim.physics.grains import epstein_stopping_time
-from discsim.scene.units import _COMMON_UNITS, DIMENSIONS, UnitError, Units, parse_quantity
+from discsim.scene.units import _UNITS_FOR_HINTS, DIMENSIONS, UnitError, Units, parse_quantity
 
 
 def test_code_time_makes_gravity_one():
@@ -113,7 +113,7 @@ def test_a_power_beyond_the_range_of_numbers_is_one_message():
             take()
 
 
-@pytest.mark.parametrize("unit", _COMMON_UNITS)
+@pytest.mark.parametrize("unit", _UNITS_FOR_HINTS)
 def test_a_unit_that_is_suggested_is_known(unit):
     assert parse_quantity(f"1 {unit}").value == 1.0
 

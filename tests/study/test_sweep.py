@@ -45,7 +45,7 @@ def no_figures_of_runs(monkeypatch):
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory):
     path = tmp_path_factory.mktemp("scene") / "drift.toml"
-    path.write_text(tomltext.dumped(SCENE))
+    path.write_text(tomltext.dump(SCENE))
     return path
 
 

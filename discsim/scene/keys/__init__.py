@@ -1,1 +1,1 @@
-"""The tables of effects that a `Scene` has as attributes, one module a table."""
+"""The tables of effects that a `Scene` has as attributes, one module per table."""

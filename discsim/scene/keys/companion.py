@@ -4,7 +4,19 @@ from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import BeforeValidator, Field, ValidationInfo
 
-from discsim.scene.fields import Default, Length, Mass, Number, Table, Time, Words, fault, number, shown, units_of
+from discsim.scene.fields import (
+    AllowedValues,
+    Default,
+    Length,
+    Mass,
+    Number,
+    Table,
+    Time,
+    fault,
+    number,
+    shown,
+    units_of,
+)
 from discsim.scene.units import UnitError
 
 
@@ -18,8 +30,8 @@ class Softening(NamedTuple):
         return f"{self.value:g} {'H' if self.in_heights else 'in code units'}"
 
 
-def _softening(value: Any, info: ValidationInfo) -> Softening:
-    """Return the softening of a value of the scene: a number is in local H, a text is a length."""
+def _read_softening(value: Any, info: ValidationInfo) -> Softening:
+    """Convert a value of the scene to a Softening: a number is in local scale heights H, a text is a length."""
     if not isinstance(value, str):
         found = Softening(number(value), True)
     elif units_of(info).system == "code":
@@ -54,8 +66,10 @@ class Keys(Table):
     feels: Annotated[
         tuple[Literal["star", "companions", "gas", "dust"], ...] | None, Default("all in the scene, if live")
     ] = Field(None, description="sources of gravity that act on a live companion")
-    softening: Annotated[Any, BeforeValidator(_softening), Words("length in quotes, or number of H")] = Field(
-        description="Plummer softening of the companion's gravity: a length, or a number of local scale heights H"
+    softening: Annotated[Any, BeforeValidator(_read_softening), AllowedValues("length in quotes, or number of H")] = (
+        Field(
+            description="Plummer softening of the companion's gravity: a length, or a number of local scale heights H"
+        )
     )
     ramp: Time = Field(
         0.0,

@@ -4,7 +4,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from discsim.scene.fields import Default, Length, Measure, Number, Table, Time, Words
+from discsim.scene.fields import AllowedValues, Default, Length, Measure, Number, Table, Time
 
 TABLE = "bell-lin"
 
@@ -15,7 +15,7 @@ class Keys(Table):
     kind: Literal["beta", "constant", "radiative"] = Field(description="cooling law")
     beta: Number | None = Field(None, gt=0, description='cooling time in 1 / Omega_K, for kind "beta"')
     t_cool: Time | None = Field(None, gt=0, description='cooling time, for kind "constant"')
-    opacity: Annotated[Any, Measure("opacity", words=(TABLE,)), Words(f'opacity, "{TABLE}"')] = Field(
+    opacity: Annotated[Any, Measure("opacity", words=(TABLE,)), AllowedValues(f'opacity, "{TABLE}"')] = Field(
         None, description=f'opacity, for kind "radiative"; "{TABLE}": table of Bell & Lin (1994)'
     )
     aspect_ratio: Annotated[Number | None, Default("same as gas.eos")] = Field(

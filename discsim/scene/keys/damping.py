@@ -4,9 +4,9 @@ from typing import Annotated
 
 from pydantic import Field
 
-from discsim.scene.fields import Length, Number, Table, Words
+from discsim.scene.fields import AllowedValues, Length, Number, Table
 
-Zone = Annotated[tuple[Length, Length], Words("two lengths: [from, to]")]
+Zone = Annotated[tuple[Length, Length], AllowedValues("two lengths: [from, to]")]
 
 
 class Keys(Table):

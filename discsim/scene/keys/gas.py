@@ -9,7 +9,7 @@ from discsim.scene.fields import Default, Length, Number, Particles, Table, kind
 
 AnyEos: Any = kinds_of(EOS.values())
 
-MOST_ETA = 30.0  # gives thousands of neighbours
+MAX_ETA = 30.0  # largest eta, with thousands of neighbours
 
 
 class Viscosity(Table):
@@ -29,24 +29,24 @@ class Viscosity(Table):
 
     @model_validator(mode="before")
     @classmethod
-    def _one_way_out_of_shear(cls, given: Any) -> Any:
+    def _set_default_pairs(cls, given: Any) -> Any:
         if isinstance(given, dict) and given.get("switch") == "balsara":
             return {"pairs": "approaching"} | given
         return given
 
     @property
     def acts_in_shear(self) -> bool:
-        """True if viscosity brakes a smooth shear; a switch only weakens it there."""
+        """True if the viscosity brakes a smooth shear flow; a switch only weakens it there."""
         return self.pairs != "reconstructed"
 
     @property
     def signal(self) -> float:
-        """Factor of c_s / h in the step limit, for sound and the linear term."""
+        """Factor of c_s / h in the time-step limit, for sound waves and the linear term."""
         return 1.0 + 1.2 * self.alpha
 
     @property
     def closing(self) -> float:
-        """Factor of -div v in the step limit, for the quadratic term."""
+        """Factor of -div v in the time-step limit, for the quadratic term."""
         return 1.0 + 1.2 * self.beta
 
 
@@ -80,7 +80,7 @@ class Keys(Table):
     eta: Annotated[
         Number,
         Default("cubic 1.345, quintic 1.1, quintic-h 3.3, wendland-c2 and wendland-c4 1.7; in 1D 2, quintic-h 6"),
-    ] = Field(gt=0, le=MOST_ETA, description="eta in h = eta (m/rho)^(1/d)")
+    ] = Field(gt=0, le=MAX_ETA, description="eta in h = eta (m/rho)^(1/d)")
     smoothing_length: Length | None = Field(
         None, gt=0, description="smoothing length, the same for all particles, instead of eta"
     )
@@ -96,7 +96,7 @@ class Keys(Table):
 
     @model_validator(mode="before")
     @classmethod
-    def _viscosity_of_quiet(cls, given: Any) -> Any:
+    def _set_default_viscosity(cls, given: Any) -> Any:
         if isinstance(given, dict) and given.get("quiet") and "viscosity" not in given:
             return given | {"viscosity": {"alpha": 0.3, "beta": 0.5}}
         return given

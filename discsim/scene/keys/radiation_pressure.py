@@ -4,11 +4,11 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field
 
-from discsim.scene.fields import Number, Table, Words, fault
+from discsim.scene.fields import AllowedValues, Number, Table, fault
 
 
-def _each(value: Any) -> Any:
-    """Return beta as a list."""
+def _as_list(value: Any) -> Any:
+    """Return the value of the key beta as a list. Raises a `fault` for an empty list."""
     if isinstance(value, list | tuple) and not value:
         raise fault("the list is empty; expected a number, or one number per population of dust")
     return list(value) if isinstance(value, list | tuple) else [value]
@@ -16,5 +16,7 @@ def _each(value: Any) -> Any:
 
 class Keys(Table):
     beta: Annotated[
-        tuple[Annotated[Number, Field(ge=0)], ...], BeforeValidator(_each), Words("number, or list of numbers")
+        tuple[Annotated[Number, Field(ge=0)], ...],
+        BeforeValidator(_as_list),
+        AllowedValues("number, or list of numbers"),
     ] = Field(description="F_rad / F_grav of the grains; list: one number per population of dust")
