@@ -1,3 +1,5 @@
-"""Drag schemes, one file each with its `SCHEME`, and the modules that they share. `base.py` is their interface, and
-`engine.py` calls them. `published/` has schemes of other codes.
+"""Drag schemes, and the modules that they share.
+
+Each scheme is a file with an object `SCHEME`. `base.py` defines the interface, and `engine.py` calls the schemes.
+`published/` has schemes of other codes.
 """

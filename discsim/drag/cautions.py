@@ -1,4 +1,4 @@
-"""Warnings of drag: scenes that run, but perhaps not as meant, each with its number and a remedy."""
+"""Warnings about drag: settings that allow a run but are probably wrong, each with a number and a remedy."""
 
 from __future__ import annotations
 
@@ -17,30 +17,28 @@ if TYPE_CHECKING:
     from discsim.drag.base import Scheme
     from discsim.scene import Scene
 
-# Least gas and dust particles of a cell in one dimension. Cells without dust grow by a factor of 8 at most, and gas
-# between grains farther apart feels no drag. One grain in a cell prevents this.
-LONELY = (0, 0.25)
-WIDE = 1.4  # width in H of a drag cell of `tsc` in which the drift is off by 20%
+# Smallest adequate numbers of gas and dust particles in a cell in one dimension. Cells without dust grow at most by a
+# factor of 8, and gas between grains farther apart feels no drag. One grain in every fourth cell prevents this.
+FEW_IN_1D = (0, 0.25)
+WIDE = 1.4  # width in H of a drag cell of `tsc` in which the drift has an error of 20%
 
 
 def warnings(scene: Scene, at: Local) -> Iterator[str]:
     """Yield the warnings of a scene with [drag], for any model of the gas."""
-    yield from _of_slip(scene, at)
-    yield from _of_wide_cells(scene, at)
-    yield from _of_cells(scene, at)
-    yield from _of_scheme(scene, at)
+    yield from _negligible_drag(scene, at)
+    yield from _wide_cells(scene, at)
+    yield from _sparse_cells(scene, at)
+    yield from _scheme_limits(scene, at)
 
 
-def _times(scene: Scene, at: Local) -> list[np.ndarray]:
-    """Return the stopping times (n,) of each population at the places of `at`; an empty list where they are
-    undefined.
-    """
+def _stopping_times(scene: Scene, at: Local) -> list[np.ndarray]:
+    """Return the stopping times (n,) of each population at the points of `at`; an empty list if undefined."""
     return laws.stopping_times(scene, at.density, at.thermal_speed, at.omega)
 
 
-def _of_slip(scene: Scene, at: Local) -> Iterator[str]:
-    """Yield a warning of grains that gas hardly drags."""
-    for i, time in enumerate(_times(scene, at)):
+def _negligible_drag(scene: Scene, at: Local) -> Iterator[str]:
+    """Yield a warning of grains with large Stokes numbers, for which drag is negligible."""
+    for i, time in enumerate(_stopping_times(scene, at)):
         if at.omega is not None and (time * at.omega).max() > 10:
             stokes = time * at.omega
             where = at.where(int(np.argmax(stokes)))
@@ -51,8 +49,8 @@ def _of_slip(scene: Scene, at: Local) -> Iterator[str]:
             )
 
 
-def _of_wide_cells(scene: Scene, at: Local) -> Iterator[str]:
-    """Yield a warning of cells wider than the scale of the pressure."""
+def _wide_cells(scene: Scene, at: Local) -> Iterator[str]:
+    """Yield a warning of drag cells that are wider than the scale height."""
     found, drag = at.in_drag_cells(), scene.drag
     if drag.scheme != USUAL_SCHEME or found is None or at.scale_height is None:
         return
@@ -74,8 +72,8 @@ def _of_wide_cells(scene: Scene, at: Local) -> Iterator[str]:
         )
 
 
-def _of_cells(scene: Scene, at: Local) -> Iterator[str]:
-    """Yield warnings of cells with too few particles."""
+def _sparse_cells(scene: Scene, at: Local) -> Iterator[str]:
+    """Yield warnings of drag cells with too few particles."""
     strong = sum(dust.ratio for dust in scene.dust or ()) > NOISY_LOADING
     if not strong or scene.drag.direction == "one-way":
         return
@@ -84,7 +82,7 @@ def _of_cells(scene: Scene, at: Local) -> Iterator[str]:
         return
     even = all(dust.placement == "even" for dust in scene.dust or ())
     cells = SCHEMES[scene.drag.scheme].cells
-    wanted = (cells.few if even else cells.few_random) if dim == 2 else LONELY
+    wanted = (cells.few if even else cells.few_random) if dim == 2 else FEW_IN_1D
     for name, count, few in zip(("gas", "dust"), found[1:], wanted, strict=True):
         least = count[count > 0].min(initial=few)  # places without any dust do not count
         if least < few:
@@ -96,13 +94,13 @@ def _of_cells(scene: Scene, at: Local) -> Iterator[str]:
             )
 
 
-def _of_scheme(scene: Scene, at: Local) -> Iterator[str]:
+def _scheme_limits(scene: Scene, at: Local) -> Iterator[str]:
     """Yield warnings of explicit schemes with short steps, and of schemes that damp waves too much."""
     drag = scene.drag
     if drag is None or at.step is None or at.resolution is None or at.sound_speed is None:
         return
     scheme: Scheme = SCHEMES[drag.scheme]
-    for time in _times(scene, at):
+    for time in _stopping_times(scene, at):
         if scheme.explicit:
             loaded = max(1.0, sum(dust.ratio for dust in scene.dust or ()))
             short = at.step / (time / loaded)

@@ -1,4 +1,7 @@
-"""Drag cells: sorting of gas and dust into blocks of a lattice, and relaxation of each block by itself."""
+"""Drag cells: merge leaves of a lattice to blocks, sort gas and dust into blocks, and apply drag in each block.
+
+A block is a square of leaves and the drag cell of a scheme (`kernels/drag/blocks.py`).
+"""
 
 from __future__ import annotations
 
@@ -23,22 +26,23 @@ from discsim.numerics.sorting import counting_sort, counts
 from discsim.numerics.threads import parallel_for
 
 Array = np.ndarray
-# The h of a leaf are added in whole units of 2^-H_BITS of the largest, exactly for up to 2^23 of them. The sums are
-# independent of the order, and accurate to 9 digits.
+# Sums of h over a leaf are sums of whole multiples of 2^-H_BITS times the largest h. They are exact for up to 2^23
+# particles, and so independent of their order; h itself is rounded to 9 digits.
 H_BITS = 30
 
-# Steps of the cells' origin, in fractions of the largest block: n a 2^k mod 1 is well spread for k = 0..5 (for
-# n <= 60, n |n a 2^k - nearest whole number| >= 0.17; found by search).
+# Shift a of the lattice's origin in each step along each axis, as a fraction of the largest block. After n steps,
+# n a 2^k mod 1 is well spread for k = 0..5 (n |n a 2^k - nearest whole number| >= 0.17 for n <= 60; found by search).
 SHIFT_STEP = np.array([0.70493075, 0.64794019])
 
 
 class Lattice(NamedTuple):
-    """Lattice of leaves, of which blocks are made; in two dimensions a leaf is a whole number of grid cells wide.
+    """Lattice of square leaves, or the part of it that a process has.
 
-    The lattice covers the grid from `origin` (2,) on over `extent` (2,) leaves of width `side`, with a `margin` of
-    leaves on every side. Particles beyond the margin are uncoupled. `whole` is the number of leaves along each axis.
-    This process has a part of the lattice, `shape` leaves from the leaf `first` on; in serial runs the part is the
-    whole.
+    origin (2,): lower corner of the grid that the lattice covers. extent (2,): size of this grid in leaves. margin:
+    number of additional leaves on every side; particles beyond them feel no drag. side: side of a leaf, in two
+    dimensions a whole number of grid cells. whole: number of leaves along each axis. periodic: whether space is
+    periodic. first, shape: first leaf and number of leaves along each axis of the part of this process; in serial runs
+    the part is the whole lattice.
     """
 
     origin: Array
@@ -52,16 +56,17 @@ class Lattice(NamedTuple):
 
     @property
     def joined(self) -> Array:
-        """True along each axis (2,) on which this part is periodic."""
+        """True for each axis (2,) along which this part is periodic."""
         return self.periodic & (np.array(self.shape) == self.whole)
 
 
 class Merged(NamedTuple):
-    """Blocks of leaves.
+    """Blocks into which leaves are merged.
 
-    number (leaves + 1,): block of each leaf; the last entry is for particles outside. Of each block: `first_leaf`
-    (blocks, 2), its first leaf (ix, iy) in this part of the lattice; `level` (blocks,), log2 of its width in leaves;
-    `enlarged` (blocks,), whether it has grown for lack of particles.
+    number (leaves + 1,): index of the block of each leaf; the last entry is for particles outside the lattice.
+    first_leaf (blocks, 2): lowest leaf (ix, iy) of each block, relative to this part of the lattice. level (blocks,):
+    log2 of the width of each block in leaves. enlarged (blocks,): whether a block is wider than its target for lack of
+    particles.
     """
 
     number: Array
@@ -71,10 +76,11 @@ class Merged(NamedTuple):
 
 
 class Layout(NamedTuple):
-    """Blocks of a lattice with the origin of this step, and the leaf (n,) of each particle.
+    """Blocks of a step, and the leaf of each particle.
 
-    Particles outside the lattice have the last leaf. The first `own` blocks have local particles. leaf_of: find the
-    leaf (n,) of positions (n, d).
+    lattice: lattice with the origin of this step. merged: its blocks. own: number of blocks with local particles, which
+    come first. leaf_of: return the leaves (n,) of positions (n, d). gas_leaf, dust_leaf (n,): leaf of each particle;
+    the number of leaves for particles outside the lattice.
     """
 
     lattice: Lattice
@@ -86,10 +92,11 @@ class Layout(NamedTuple):
 
 
 class Blocks(NamedTuple):
-    """Members of each block: order[start[block] : start[block + 1]] of the gas, and of the dust by block and
-    population.
+    """Particles of each block.
 
-    The last two blocks hold the gas and the dust outside the lattice.
+    The indices of the gas in block b are gas_order[gas_start[b] : gas_start[b + 1]]. For dust of class c among k
+    classes, the same holds with dust_order, dust_start and b k + c in place of b. Two additional blocks at the end hold
+    the gas and the dust outside the lattice.
     """
 
     gas_order: Array
@@ -113,26 +120,27 @@ class Blocks(NamedTuple):
 
 
 class OneRank:
-    """Sums over all ranks that a layout needs, in serial runs; for several ranks see `ranks/leaves.py`."""
+    """Communication that a layout needs, in a serial run; `ranks/leaves.py` has its counterpart for several ranks."""
 
     def part_of(self, lattice: Lattice, shift: Array, positions: Sequence[Array]) -> Lattice:
-        """Return the part of a lattice about local positions; `shift` (2,) is in leaves."""
+        """Return the part of a lattice that contains local positions; `shift` (2,) is in leaves."""
         return lattice
 
     def summed(self, lattice: Lattice, *held: Array) -> Sequence[Array]:
-        """Return the sums over all ranks in the leaves of a part, from local sums (leaves + 1,) of integers."""
+        """Return sums over all ranks for each leaf of a part, from local sums of integers (leaves + 1,)."""
         return held
 
 
 def lattice_on(grid: Grid, dim: int, wanted: float, gas: int) -> Lattice:
-    """Return a lattice of leaves at least `wanted` wide for a number of gas particles.
+    """Return a lattice on the grid with leaves that are at least `wanted` wide.
 
-    An open lattice has room for shifts of its origin by up to one largest block.
+    dim: number of dimensions. gas: number of gas particles. An open lattice is larger than the grid by one block of the
+    largest size, so that its origin can shift.
     """
     side, numbers = leaves(wanted, grid.cell, grid.shape[:dim], grid.periodic, gas)
     extent = np.array(grid.shape) * grid.cell / side
     if not grid.periodic:
-        # A whole number of largest blocks, so that the mirror image of a lattice has the mirror images of its blocks.
+        # With a whole number of blocks of the largest size, a mirrored lattice has mirrored blocks.
         numbers = [(-(-n // 2**LEVELS) + 1) * 2**LEVELS for n in numbers]
     whole = numbers[0], numbers[1] if dim == 2 else 1
     return Lattice(np.array(grid.origin), extent, 0, side, whole, grid.periodic, (0, 0), whole)
@@ -141,18 +149,18 @@ def lattice_on(grid: Grid, dim: int, wanted: float, gas: int) -> Lattice:
 def lay_blocks(
     gas: Gas, dust: Dust, rule: CellRule, ranks: OneRank, dust_in: int, shifted: bool, mirrored: bool = False
 ) -> Layout:
-    """Build blocks of leaves.
+    """Merge leaves to blocks and return the layout.
 
-    dust_in: as in `kernels.Wanted`. shifted: whether the lattice moves with every step. mirrored: whether it moves to
-    its mirror image by y -> -y.
+    dust_in: where a block needs dust, as in `kernels.Wanted`. shifted: whether the lattice shifts in every step.
+    mirrored: whether the lattice is mirrored, y -> -y.
     """
     leaves = rule.lattice
-    shift, part, find, keys, (n_gas, n_dust, outside) = _placed(gas, dust, rule, ranks, leaves, shifted, mirrored)
+    shift, part, find, keys, (n_gas, n_dust, outside) = _find_leaves(gas, dust, rule, ranks, leaves, shifted, mirrored)
     if not leaves.periodic and outside > 0:
-        leaves = _widened(leaves, rule.dim)  # for particles off the grid, by the same number of leaves on every side
-        shift, part, find, keys, (n_gas, n_dust, _) = _placed(gas, dust, rule, ranks, leaves, shifted, mirrored)
+        leaves = _with_margin(leaves, rule.dim)  # a margin for particles outside the grid
+        shift, part, find, keys, (n_gas, n_dust, _) = _find_leaves(gas, dust, rule, ranks, leaves, shifted, mirrored)
     wanted = leaves.side, rule.size, rule.length, *rule.fewest, rule.soft, rule.hard, dust_in
-    merged = merge(*_in_leaves(ranks, part, n_gas, n_dust, keys[0], rule.lengths), part.shape, *wanted)
+    merged = merge(*_sums_in_leaves(ranks, part, n_gas, n_dust, keys[0], rule.lengths), part.shape, *wanted)
     moved = part._replace(origin=leaves.origin - shift * leaves.side)
     return Layout(moved, merged, len(merged.level), find, *keys)
 
@@ -160,7 +168,7 @@ def lay_blocks(
 def sort_into_blocks(gas: Gas, dust: Dust, rule: CellRule, layout: Layout) -> Blocks:
     """Sort gas and dust into blocks. Overwrites the leaves of particles in `layout`."""
     lattice, (number, first_leaf, level, enlarged), own, _, gas_key, dust_key = layout
-    # Particles outside the lattice are uncoupled: a block of its own for each species.
+    # Particles outside the lattice feel no drag. They get one additional block for each species.
     count = len(level)
     number[-1] = count
     parallel_for(kernels.block_keys, len(gas_key), gas_key, number, NO_ROWS, 1, light=True)
@@ -171,30 +179,38 @@ def sort_into_blocks(gas: Gas, dust: Dust, rule: CellRule, layout: Layout) -> Bl
     return Blocks(*sorted_gas, *sorted_dust, first_leaf, level, enlarged, own, lattice)
 
 
-def _placed(
+def _find_leaves(
     gas: Gas, dust: Dust, rule: CellRule, ranks: OneRank, leaves: Lattice, shifted: bool, mirrored: bool
 ) -> tuple[Any, ...]:
-    """Return the shift (2,) of a lattice, the part of this rank, a function that finds leaves in it, the leaves of
-    local gas and dust, and their `_numbers`.
+    """Return (shift, part, find, keys, numbers) for a lattice of leaves.
+
+    shift (2,): shift of its origin. part: part of this rank. find: return the leaves of positions. keys: leaves of the
+    local gas and dust. numbers: result of `_counts_in_leaves`.
     """
     shift = _shift(rule, leaves, shifted, mirrored)
     part = ranks.part_of(leaves, shift, (gas.pos, dust.pos))
     find = partial(_leaf_of_each, part, shift)
     keys = find(gas.pos), find(dust.pos)
-    return shift, part, find, keys, _numbers(part, *keys)
+    return shift, part, find, keys, _counts_in_leaves(part, *keys)
 
 
-def _numbers(part: Lattice, *keys: Array) -> tuple[Array, Array, int]:
-    """Return the local gas and dust in each leaf, and the number of particles of all processes outside the lattice."""
+def _counts_in_leaves(part: Lattice, *keys: Array) -> tuple[Array, Array, int]:
+    """Return the numbers of local gas and of local dust in each leaf, and the number of particles outside the lattice.
+
+    The last number is that of all ranks.
+    """
     count = math.prod(part.shape) + 1
     gas, dust = (counts(key, count) for key in keys)
     return gas, dust, int(world.processes.sum(int(gas[-1]) + int(dust[-1])))
 
 
-def _in_leaves(
+def _sums_in_leaves(
     ranks: OneRank, part: Lattice, n_gas: Array, n_dust: Array, key: Array, h: Array
 ) -> tuple[Array, Array, Array]:
-    """Return the gas and dust in each leaf (leaves,) and the sum of the gas's h, over all ranks."""
+    """Return sums over all ranks for each leaf (leaves,): numbers of gas and dust particles, and h of the gas.
+
+    key (n,), h (n,): leaf and smoothing length of local gas particles.
+    """
     unit = 2.0 ** (math.frexp(world.processes.most(float(h.max(initial=0.0))))[1] - H_BITS)
     held = np.zeros(len(n_gas))
     kernels.add_in_units(key, h, 1.0 / unit, held)
@@ -203,8 +219,8 @@ def _in_leaves(
     return n_gas, n_dust, held
 
 
-def _widened(leaves: Lattice, dim: int) -> Lattice:
-    """Return the lattice with a margin of the largest block on every side."""
+def _with_margin(leaves: Lattice, dim: int) -> Lattice:
+    """Return a lattice with an additional block of the largest size on every side."""
     nx, ny = leaves.whole
     more = 2 * 2**LEVELS
     whole = nx + more, ny + more if dim == 2 else 1
@@ -212,7 +228,7 @@ def _widened(leaves: Lattice, dim: int) -> Lattice:
 
 
 def _shift(rule: CellRule, leaves: Lattice, shifted: bool, mirrored: bool) -> Array:
-    """Return the shift (2,) of the lattice in leaves."""
+    """Return the shift (2,) of the lattice's origin in leaves."""
     shift = np.zeros(2)
     if shifted:
         shift[: rule.dim] = ((rule.step * SHIFT_STEP) % 1.0 * 2**LEVELS)[: rule.dim]
@@ -223,7 +239,7 @@ def _shift(rule: CellRule, leaves: Lattice, shifted: bool, mirrored: bool) -> Ar
 
 
 def _leaf_of_each(part: Lattice, shift: Array, pos: Array) -> Array:
-    """Return the leaf (n,) of each position (n, d); the last leaf for positions outside the lattice."""
+    """Return the leaf (n,) of each position (n, d); the number of leaves for positions outside the lattice."""
     low, high = shift - part.margin, shift + part.extent + part.margin
     key = alloc.allocate_like(pos, np.uint32)
     parallel_for(
@@ -234,9 +250,10 @@ def _leaf_of_each(part: Lattice, shift: Array, pos: Array) -> Array:
 
 
 def merge(gas: Array, dust: Array, h_sum: Array, shape: tuple[int, int], *wanted: Any) -> Merged:
-    """Merge leaves into blocks.
+    """Merge leaves to blocks.
 
-    gas, dust, h_sum (leaves,): particles in each leaf and the sum of the gas's h. wanted: fields of `kernels.Wanted`.
+    gas, dust (leaves,): numbers of particles in each leaf. h_sum (leaves,): sum of the gas's h in each leaf. shape:
+    number of leaves along each axis. wanted: fields of `kernels.Wanted`.
     """
     width, height = ((side - 1 >> np.arange(LEVELS + 1)) + 1 for side in shape)
     begin = np.append(0, np.cumsum(width * height))
@@ -252,12 +269,12 @@ def merge(gas: Array, dust: Array, h_sum: Array, shape: tuple[int, int], *wanted
 
 
 def law_over(law: Law, dt: float) -> types.Law:
-    """Return the parameters of a kick over dt for the kernels."""
+    """Return the law and the time step dt of a kick as arguments of the kernels."""
     return types.Law(law.code, law.grains, law.two_way, dt, law.exponential)
 
 
 def species_in(gas: Gas, dust: Dust, classes: int, blocks: Blocks) -> tuple[types.Species, types.Species]:
-    """Return gas and dust in the form that the kernels take."""
+    """Return gas and dust with their blocks as arguments of the kernels."""
     return (
         types.Species(
             gas.pos, gas.vel, gas.acc, gas.acc_unshared, gas.mass, gas.density, gas.thermal_speed,
@@ -271,7 +288,7 @@ def species_in(gas: Gas, dust: Dust, classes: int, blocks: Blocks) -> tuple[type
 
 
 def layout(gas: Gas, dust: Dust, rule: CellRule, frame: Frame, ranks: OneRank, linear: bool) -> Layout:
-    """Return the blocks of `relax_in_blocks`."""
+    """Return the layout of the blocks of `relax_in_blocks`."""
     dust_in = INSIDE if rule.two_way else IGNORE
     return lay_blocks(gas, dust, rule, ranks, dust_in, linear, linear and clockwise(frame))
 
@@ -279,8 +296,9 @@ def layout(gas: Gas, dust: Dust, rule: CellRule, frame: Frame, ranks: OneRank, l
 def relax_in_blocks(
     gas: Gas, dust: Dust, law: Law, frame: Frame, dt: float, blocks: Blocks, work: Work, linear: bool
 ) -> Kicked:
-    """Relax each block by itself (`kernels/drag/cells.py`), with a velocity linear in position (`linear`) or its mean
-    alone.
+    """Kick gas and dust, with drag between the particles of each block (`kernels/drag/cells.py`).
+
+    linear: whether the velocity of a species in a block is a linear function of position; else it is the mean.
     """
     classes = len(law.grains)
     corners = np.concatenate([blocks.squares()[0], np.zeros((2, 2))])

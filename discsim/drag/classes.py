@@ -1,9 +1,9 @@
-"""Classes of grains that relax together: a population or, where grains have their own sizes, one range of stopping
-times.
+"""Classes of grains that drag kernels treat together.
 
-The ranges have equal ratios of the stopping times in the same gas. A class has its mean stopping time. Kernels
-multiply it by a mean of `relative`, weighted by mass, over the grains of the class at a place. A single grain at a
-place therefore has its own stopping time.
+A class is a population or, if grains of a population have different sizes, the grains in one range of stopping times.
+All ranges have the same ratio of largest to smallest stopping time in the same gas. The parameters of a class give its
+mean stopping time. Kernels multiply it by the mass-weighted mean of `relative` over the grains of the class in a cell,
+so that a grain alone in a cell has its own stopping time.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 GROWN = 8  # typical number of classes of grown grains, whose sizes span one to two decades in a disc
-MOST = 32  # largest number of classes: tsc has sums of each at every node
+MOST = 32  # largest number of classes; it bounds the memory of tsc, which has sums of each class at every node
 
 
 def classes_of(scene: Scene) -> int:
-    """Estimate the number of classes, before any particle exists."""
+    """Estimate the number of classes from the scene alone."""
     sizes = [dust.grain_size for dust in scene.dust or () if has_sizes(dust)]
     width = math.log(scene.drag.class_width)
     if scene.table("growth") is not None:
@@ -38,16 +38,16 @@ def classes_of(scene: Scene) -> int:
 
 
 def law_of(scene: Scene, law: SceneLaw) -> Law:
-    """Return the law of kicks in which each population is a class."""
+    """Return the law for kicks in which each population is a class."""
     two_way, exponential = scene.drag.direction == "two-way", scene.drag.integration == "exponential"
     return Law(law.code, law.grains, law.nonlinear, law.several, two_way, exponential)
 
 
 class Classes:
-    """Classes of a run's grains.
+    """Classes of the grains of a run.
 
     law: the law with the parameters of each class. of (n,): class of each grain. relative (n,): stopping time of each
-    grain over that of its class; empty where populations are classes.
+    grain divided by that of its class; empty if each population is a class.
     """
 
     def __init__(self, scene: Scene, law: SceneLaw):
@@ -61,18 +61,18 @@ class Classes:
         return len(self.law.grains)
 
     def sort(self, dust: Any) -> None:
-        """Make the classes of the dust as it is now, and sort the grains of this process. The run must have dust."""
+        """Update the classes and the class of each local grain from the grain sizes. The run must have dust."""
         if dust.size is None:
             self.of = dust.species
         # Particles or sizes that have changed are in a new array.
         elif world.processes.most(dust.size is not self._sorted):
             self._sorted = dust.size
-            everyone = world.processes.everyone(dust)  # in the order of all, which decides the last bits of means
+            everyone = world.processes.everyone(dust)  # in the order of a serial run, as the order affects rounding
             self._divide(self._rows(everyone.of(dust.species), everyone.of(dust.size)))
             self.of, self.relative = self.of[everyone.own], self.relative[everyone.own]
 
     def _divide(self, rows: Array) -> None:
-        """Make the classes of grains with the parameters `rows` (n, 5)."""
+        """Divide grains with the parameters `rows` (n, 5) into classes."""
         place = np.log(rows[:, VALUE])
         reach = place.max() - place.min()
         # Edges at whole multiples of the width, so that classes persist while grains grow.

@@ -1,4 +1,4 @@
-"""SPH smoothing length and density of one dust population, by sums over its own particles."""
+"""SPH smoothing length and density of one dust population, from sums over its own particles."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ if TYPE_CHECKING:
     from discsim.scene import Scene
 
 Array = np.ndarray
-SMALLEST = 0.01  # least h over that of evenly mixed dust: particles at one place have no h of their own
-SPARSE = 0.5  # dust over gas particles below which counts in a drag cell are a poor estimate of the dust's density
+SMALLEST = 0.01  # lower bound of h over its first guess: for particles at the same position the h equation has no root
+SPARSE = 0.5  # ratio of dust to gas particles below which counts in drag cells estimate the dust density poorly
 
 
 @dataclass
 class Cloud:
-    """One dust population with its SPH sums; `members` are its rows in the arrays of the dust."""
+    """One dust population and the object for its SPH sums; `members` are its indices in the arrays of the dust."""
 
     members: Array
     pos: Array
@@ -41,7 +41,7 @@ class Cloud:
 
 
 def cloud_of(dust: Dust, members: Array, sph: Sph) -> Cloud:
-    """Return the dust in the rows `members` as a cloud whose h and density are uninitialised."""
+    """Return the dust particles with the indices `members` as a cloud; its h and density are uninitialised."""
     acc, empty = dust.acc_unshared, np.empty(len(members))
     return Cloud(
         members, dust.pos[members], dust.mass[members], acc[members] if len(acc) > 0 else acc, empty, empty.copy(),
@@ -50,14 +50,14 @@ def cloud_of(dust: Dust, members: Array, sph: Sph) -> Cloud:
 
 
 def guess_h(cloud: Cloud, density: Array | float) -> Array:
-    """Return smoothing lengths (n,) at a given or estimated density."""
+    """Return the smoothing lengths (n,) that particles have at a given or estimated density."""
     with np.errstate(divide="ignore", over="ignore"):  # a density of 0 gives the longest h
         h = cloud.sph.eta * (cloud.mass / density) ** (1.0 / cloud.sph.dim)
     return np.minimum(h, cloud.sph.h_most)
 
 
-def settle_density(cloud: Cloud) -> None:
-    """Solve for h and density, from the guess in `cloud.h`."""
+def solve_density(cloud: Cloud) -> None:
+    """Solve for `h` and `density` of a cloud; `cloud.h` has the first guess."""
     sph, guess = cloud.sph, cloud.h.copy()
     sph.density(cloud, np.empty((0, sph.dim)))
     if not sph.fixed and world.processes.most(bool((cloud.h < SMALLEST * guess).any())):
@@ -68,10 +68,10 @@ def settle_density(cloud: Cloud) -> None:
 
 
 def densities_of_sparse_dust(gas: Gas, dust: Dust, law: Law, work: Work, scene: Scene) -> Array:
-    """Return the density (n,) of dust that is too sparse to be counted in cells; 0 of other dust.
+    """Return the density (n,) of dust that is too sparse for density estimates by counts in cells; 0 for other dust.
 
-    The array is empty if the law needs no density or no dust is sparse. With few particles in cells t_stop = rho_d /
-    K would be that of a single particle in its own cell.
+    The array is empty if the law needs no dust density or no dust is sparse. Counts would give a sparse grain the
+    t_stop = rho_d / K of a single particle in its cell, whatever the density of the dust.
     """
     if law.code != CONSTANT:
         return EMPTY
@@ -84,6 +84,6 @@ def densities_of_sparse_dust(gas: Gas, dust: Dust, law: Law, work: Work, scene: 
             sph.fixed = False  # the spacing of dust may be far above the gas's h
             cloud = cloud_of(dust, members, sph)
             cloud.h[:] = guess_h(cloud, work.ratios[number] * mean(gas.density))
-            settle_density(cloud)
+            solve_density(cloud)
             out[members] = cloud.density
     return out

@@ -1,4 +1,4 @@
-"""Engine of drag: the arrays of a scheme's kick, taken from the state, and the results of the last kick."""
+"""Drag engine: calls the scheme of a scene with the arrays of the state, and keeps the results of the last kick."""
 
 from __future__ import annotations
 
@@ -39,10 +39,10 @@ def moving_mass(dust: DustOfState) -> Array:
 
 
 class Engine:
-    """Kicks of gas and dust by the scheme of a scene. `ranks/drag.py` has the one for several ranks.
+    """Drag engine of a run in serial; `ranks/drag.py` has its subclass for several ranks.
 
-    star: central mass and softening at the last kick. buffers: scratch arrays of the scheme. samples: sampled particles
-    that the frame is made from.
+    star: central mass and softening at the last kick. buffers: scratch arrays of the scheme. samples: the sampled
+    particles from which the frame is computed.
     """
 
     def __init__(self, scene: Scene, star: tuple[float, float]) -> None:
@@ -60,14 +60,14 @@ class Engine:
 
     @property
     def stopping_times(self) -> Array:
-        """Stopping times of the dust at the last kick (n,), inf without gas; computed at the first access."""
+        """Stopping times (n,) of the dust at the last kick, inf without gas. The first access computes them."""
         self._times = times = self._times() if callable(self._times) else self._times
         return times
 
     def uncoupled_share(self, dust: DustOfState) -> float:
-        """Return the share of the dust mass that the last kick did not couple to gas.
+        """Return the fraction of the dust mass that had no gas, or was in an enlarged cell, in the last kick.
 
-        Its exact sums cost 1% of a step, so they are not made in each step.
+        A kick does not compute this fraction, as its exact sums cost 1% of a step.
         """
         uncoupled = total(self._uncoupled_mass)
         whole = total(moving_mass(dust)) if uncoupled > 0.0 else 0.0
@@ -107,20 +107,20 @@ class Engine:
         return self.scheme.limit(*self.arguments(state))
 
     def arguments(self, state: Seen) -> tuple[Gas, Dust, Law, Frame, Work]:
-        """Return the arguments of the scheme's `limit`."""
+        """Return the arguments with which to call the scheme's `limit`."""
         self.classes.sort(state.dust)
         gas, dust = self._complete(state, *self._positions(state, state.gas.vel))
         return gas, dust, self.classes.law, self._frame(state), self._work(EMPTY)
 
     def layout(self, state: Seen) -> Layout:
-        """Return the cells that the scheme would make of a state."""
+        """Return the layout of the drag cells that the scheme would build for a state."""
         self._sort(state)
         assert self.scheme.layout is not None
         arrays = self._positions(state, state.gas.vel)
         return self.scheme.layout(*arrays, self._rule(state), self._frame(state), cells.OneRank())
 
     def _sort(self, state: Seen) -> None:
-        """Sort the dust into classes, and update the mass and softening of the centre."""
+        """Sort the dust into classes, and update `star`, the central mass and its softening."""
         self.classes.sort(state.dust)
         self.star = state.central
 
@@ -149,7 +149,10 @@ class Engine:
         return frames.frame_of(state.species, *self.star, self.samples)
 
     def _positions(self, state: Seen, gas_vel: Array) -> tuple[Gas, Dust]:
-        """Return the arrays that cells are made from; `gas_vel` (n, d) are the velocities of the gas."""
+        """Return gas and dust with the arrays that cells are built from; the other arrays are empty.
+
+        gas_vel (n, d): velocities of the gas.
+        """
         gas, dust, none = state.gas, state.dust, EMPTY
         order_of_gas, order_of_dust = ((p.global_index, p.unsorted_rows, p.count) for p in (gas, dust))
         return (
@@ -158,7 +161,7 @@ class Engine:
         )
 
     def _complete(self, state: Seen, gas: Gas, dust: Dust) -> tuple[Gas, Dust]:
-        """Return the arrays of a kick, from those of `_positions`."""
+        """Return gas and dust with all arrays of a kick, from the results of `_positions`."""
         scene, density = state.scene, state.gas.density
         if state.gas.small is not None:  # small dust that gas carries exerts no drag on grains
             density = density * growth.gas_share(scene, state.gas)
@@ -176,7 +179,7 @@ class Engine:
         )
 
     def _rule(self, state: Seen) -> CellRule:
-        """Return the rule of the cells of a kick."""
+        """Return the rule for the sizes of the drag cells at a state."""
         scene, gas, of_scheme = state.scene, state.gas, self.scheme.cells
         assert of_scheme is not None
         number, length, two_way = self.width.number, scene.drag.cell_length, scene.drag.direction == "two-way"
@@ -186,7 +189,7 @@ class Engine:
             h_least = world.processes.least(float(lengths.min(initial=np.inf)))
             wanted = of_scheme.leaf(scene, number, lambda: float(np.exp(mean(np.log(lengths)))), h_least)
         lattice = cells.lattice_on(state.grid, self.dim, self.width.rounded * wanted, gas.everywhere)
-        # With drag.cell_length a leaf has the wanted side; with a number of h leaves double up to it.
+        # With drag.cell_length a leaf already has the target side; otherwise leaves are merged up to the target side.
         return CellRule(
             self.dim, self.classes.number, lattice, lengths, of_scheme.share * number, lattice.side if length else 0.0,
             of_scheme.least(scene) if of_scheme.least else (1, 0), MAX_CELL_GROWTH, 8.0 if self.dim == 1 else 4.0,

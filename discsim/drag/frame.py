@@ -1,11 +1,11 @@
-"""Frame of drag cells: circular motion about the star, in the direction of gas and dust, subtracted from velocities.
+"""Frame of drag cells: the circular motion w about the star that drag cells subtract from velocities.
 
     w(x) = sigma(r) Omega_K(r) (-y, x)                                                                     (1)
 
-sigma is 1 or -1, the sign of the mass-weighted mean of v_phi / v_K of both species. A ring, of even width in ln r,
-has the opposite sign if its own mean is beyond half of v_K in that direction. sigma has to be smooth over cells, so
-it is interpolated between the centres of rings. The frame depends on the position alone, so that momentum is
-conserved.
+sigma is the sense of rotation: 1 or -1, the sign of the mass-weighted mean of v_phi / v_K of gas and dust. In a ring
+(an interval of ln r) whose own mean has the other sign and an absolute value above 1/2, sigma has the other sign. sigma
+has to be smooth over cells, so it is interpolated between the centres of rings. w depends on position alone, so that
+momentum is conserved.
 """
 
 from __future__ import annotations
@@ -21,11 +21,15 @@ from discsim.numerics import alloc, world
 
 Array = np.ndarray
 RINGS = 16
-SAMPLE = 1024  # most sampled particles of a species: those with ids that are multiples of a power of two
+SAMPLE = 1024  # about the largest number of sampled particles of a species; their ids are multiples of a power of two
 
 
 class Sample(NamedTuple):
-    """Sample of a species: the `rows` of `ids` (n,) that are multiples of `power`; number of unsorted rows."""
+    """Sample of the particles of a species.
+
+    ids (n,): ids of all particles. power: power of two of which the sampled ids are multiples. rows: indices of the
+    sampled particles. unsorted: number of unsorted rows when the sample was taken.
+    """
 
     ids: Array
     power: int
@@ -37,9 +41,10 @@ Samples = dict[str, Sample]  # by species
 
 
 def frame_of(species: Mapping[str, Any], mass: float, softening: float, samples: Samples) -> Frame:
-    """Return the Keplerian frame about a star of a mass and softening, from samples of both species.
+    """Return the frame of eq. (1) about a star.
 
-    species: `Particles` of each, by name. Without a star, of mass 0, the frame is at rest.
+    species: `Particles` of gas and dust, by name. mass, softening: of the star; mass 0 gives a frame at rest. samples:
+    samples of the last call, which are updated.
     """
     if mass == 0.0:
         return Frame(0.0, 0.0, 0.0, 0.0, np.ones(1))
@@ -69,7 +74,7 @@ def frame_of(species: Mapping[str, Any], mass: float, softening: float, samples:
 
 
 def _sample(samples: Samples, name: str, particles: Any) -> Array:
-    """Return the rows of the sample of a species, and record them in `samples` until rows change."""
+    """Return the indices of the sampled particles of a species, from `samples` if they are still valid there."""
     ids, count = particles.ids, particles.everywhere
     every = 1 << max(0, -(-count // SAMPLE) - 1).bit_length()
     known = samples.get(name, Sample(NO_ROWS, 0, NO_ROWS, 0))
@@ -77,7 +82,7 @@ def _sample(samples: Samples, name: str, particles: Any) -> Array:
         rows = np.concatenate([known.rows, particles.unsorted_rows[known.unsorted :]])
         rows = rows[rows < len(ids)]
         rows = np.unique(rows[ids[rows] & every - 1 == 0])
-    elif known.power == every and (known.ids is ids or _still_there(known.rows, known.ids, ids, every)):
+    elif known.power == every and (known.ids is ids or _rows_still_sampled(known.rows, known.ids, ids, every)):
         rows = known.rows
     else:
         rows = multiples_of(ids, every)
@@ -86,19 +91,19 @@ def _sample(samples: Samples, name: str, particles: Any) -> Array:
 
 
 def _only_unsorted_changed(known: Sample, ids: Array, every: int) -> bool:
-    """Return whether ids can differ only in rows that became unsorted since the sample, and in rows at the end.
+    """Return whether ids can differ from those of the sample only in unsorted rows and in rows at the end.
 
-    This holds while the array begins at the same place in memory, as sorting makes a new one.
+    The condition holds on several processes if the array still begins at the same memory address, as sorting creates
+    a new array.
     """
     return known.power == every and world.processes.many and alloc.same_address(known.ids, ids)
 
 
-def _still_there(rows: Array, before: Array, ids: Array, every: int) -> bool:
-    """Return whether the sampled `rows` of `before` are still those of `ids`, after some rows went or all were
-    sorted.
+def _rows_still_sampled(rows: Array, before: Array, ids: Array, every: int) -> bool:
+    """Return whether the sampled `rows` of the ids `before` are also those of the new `ids`.
 
-    If all these rows hold multiples, no other row does. On several processes particles of another process may have
-    come, so the result is then False.
+    In a serial run, ids can only be removed or sorted. If all `rows` of the new ids still hold multiples of `every`, no
+    other row does. On several processes the result is False, as particles may have come from another process.
     """
     if world.processes.many or len(ids) > len(before):
         return False
@@ -106,5 +111,5 @@ def _still_there(rows: Array, before: Array, ids: Array, every: int) -> bool:
 
 
 def clockwise(frame: Frame) -> bool:
-    """Return whether most of the frame turns clockwise. Cells then lie where those of the mirror image would."""
+    """Return whether most rings of the frame rotate clockwise. The lattice of cells is then mirrored."""
     return bool(frame.sense.sum() < 0.0)

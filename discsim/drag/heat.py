@@ -1,7 +1,7 @@
-"""Negative heat of drag, compensated by the gas around.
+"""Compensation of negative drag heat by the energy of neighbouring gas.
 
-The heat of drag is the kinetic energy lost beyond the work of the other forces. Its sum over a front is right. The
-heat of a single particle may be negative, and in cold gas exceed the energy of the particle.
+The heat of drag is the loss of kinetic energy beyond the work of other forces. Its sum over a shock front is right, but
+the heat of a single particle may be negative, and in cold gas exceed the energy of the particle.
 """
 
 from __future__ import annotations
@@ -14,12 +14,15 @@ from discsim.numerics import world
 
 Array = np.ndarray
 
-MOST = 0.25  # largest loss in a kick over a particle's energy; the prediction may add as much, which leaves half
-SIDES = 1024  # most squares along the longest side
+MOST = 0.25  # largest loss in a kick over a particle's energy; with an equal loss in the prediction, half is left
+SIDES = 1024  # largest number of squares along the longest side
 
 
 def pay_losses(gas: Any, width: float, heat: Array) -> None:
-    """Apply `share_losses` to the gas of all processes if any particle would lose too much."""
+    """Apply `share_losses` to the gas of all processes, if any particle would lose too much.
+
+    width: side of the smallest squares. heat (n,): heat per mass of local gas, changed in place.
+    """
     if not world.processes.most(bool((heat + MOST * gas.u < 0.0).any())):
         return
     everyone = world.processes.everyone(gas)
@@ -29,9 +32,10 @@ def pay_losses(gas: Any, width: float, heat: Array) -> None:
 
 
 def share_losses(pos: Array, mass: Array, u: Array, width: float, heat: Array) -> None:
-    """Compensate losses above a quarter of a particle's energy `u` (n,) in `heat` (n,), per mass, and keep the sum.
+    """Change `heat` (n,) in place such that no particle loses more than a quarter of its energy; keep the total heat.
 
-    Particles around with energy to spare give it: in squares of side `width`, then of twice that side, and so on.
+    u (n,), heat (n,): energy and heat per mass. Particles in the same square give energy to those that lose too much.
+    Squares have the side `width`; their side doubles until all losses are compensated.
     """
     spare = mass * (heat + MOST * u)
     if spare.min() >= 0.0:

@@ -1,10 +1,10 @@
 """idic-linear: implicit drag in cell with a linear velocity field per cell and species.
 
-Means and slopes of the two species relax exactly with the accelerations inside, compared at one common point. The
-rest of a particle's velocity is damped towards the line of its own species (equations in `kernels/drag/cells.py`). The
-origin of the cells moves with every step. This removes the remaining errors of the lattice, which are of first order
-at t_stop ~ dt. About a star velocities are relative to circular orbits (`drag/frame.py`). Momentum is exact in each
-cell.
+Means and slopes of both species' velocities relax exactly, with accelerations included; the means are compared at one
+common point. The residual velocity of a particle about the linear field of its own species is damped (equations in
+`kernels/drag/cells.py`). The origin of the lattice shifts in every step, which removes the remaining errors of the
+lattice; they are of first order at t_stop ~ dt. About a star, velocities are relative to circular orbits
+(`drag/frame.py`). Momentum is conserved in each cell.
 """
 
 from __future__ import annotations

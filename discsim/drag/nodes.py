@@ -1,4 +1,4 @@
-"""Drag between nodes of a lattice (`drag/tsc.py`): one kick, from particles to the nodes and back."""
+"""Kick of the scheme tsc (`drag/tsc.py`): gather particles to nodes of a lattice, relax there, scatter to particles."""
 
 from __future__ import annotations
 
@@ -30,16 +30,17 @@ from discsim.numerics.alloc import aligned
 from discsim.numerics.threads import parallel_for, parallel_for_fused
 
 Array = np.ndarray
-FEW = 6  # grains of a class in a cell from which on a sum over the cell is cheaper than its single grains
-LEAST = 64  # least blocks or nodes in a chunk of a loop
+FEW_GRAINS = 6  # mean number of grains of a class in a cell above which sums over cells are cheaper than single grains
+LEAST = 64  # smallest number of blocks or nodes in a chunk of a parallel loop
 
 
 class NodeCells(NamedTuple):
-    """Cells of a kick: members of blocks, and the stencil of every cell and node.
+    """Cells of a kick: the particles of each block, and the stencils of cells and nodes.
 
-    Arrays are as in `Cells` and `Nodes` of `kernels/drag/tsc/nodes.py`. slots: total number of slots, one for each
-    species that is present in a block. rows (blocks times populations + 1,), of gas and of dust: number of rows of
-    LANES particles before those of each population in each block; the gas is one population.
+    blocks: particles of each block; a block is a cell. rows: two arrays, for gas and for dust. Particles are stored in
+    rows of LANES particles of the same block and class; each array has the number of rows before those of each class
+    in each block. slots: total number of slots; each species present in a block has one. The other arrays are as in
+    `Cells` and `Nodes` of `kernels/drag/tsc/nodes.py`, with corners and sides as `corner` and `side`.
     """
 
     blocks: Blocks
@@ -55,13 +56,13 @@ class NodeCells(NamedTuple):
 
 
 def layout(gas: Gas, dust: Dust, rule: CellRule, frame: Frame, ranks: OneRank) -> Layout:
-    """Return the blocks whose particles have nodes."""
-    dust_in = NEAR if rule.two_way else IGNORE  # dust in the next cell suffices, as a node has the dust of nine cells
+    """Return the layout of the drag cells, as `Scheme.layout`."""
+    dust_in = NEAR if rule.two_way else IGNORE  # dust in a neighbouring cell suffices, as a node has that of nine cells
     return lay_blocks(gas, dust, rule, ranks, dust_in, True, clockwise(frame))
 
 
 def build(gas: Gas, dust: Dust, rule: CellRule, layout: Layout) -> NodeCells:
-    """Return the cells of the next kick."""
+    """Return the cells of the next kick, as `Scheme.build`."""
     blocks = sort_into_blocks(gas, dust, rule, layout)
     grid, lattices = blocks.lattice, levels.lattices(*blocks.lattice.shape, blocks.lattice.joined, LEVELS + 1)
     home, place, about, near = levels.list_nodes(blocks.level, blocks.first_leaf, lattices, rule.dim == 1)
@@ -76,9 +77,9 @@ def build(gas: Gas, dust: Dust, rule: CellRule, layout: Layout) -> NodeCells:
 def kick(gas: Gas, dust: Dust, law: Law, frame: Frame, dt: float, there: NodeCells, work: Work) -> Kicked:
     """Kick gas and dust over dt, as `Scheme.kick`."""
     blocks, classes = there.blocks, len(law.grains)
-    few = classes > 1 and _are_few(blocks, classes, dust.local)
+    few = classes > 1 and _has_few_grains(blocks, classes, dust.local)
     of_gas, of_dust = species_in(gas, dust, classes, blocks)
-    cells, nodes = _sums(there, classes, law, work, few and len(dust.acc_unshared) == 0)
+    cells, nodes = _allocate_sums(there, classes, law, work, few and len(dust.acc_unshared) == 0)
     gas_columns, collect_gas = _gather(work, of_gas, cells, nodes, there.rows[0], frame, law.code)
     parallel_for_fused([collect_gas], len(nodes.near), least=LEAST)  # sums of dust depend on which nodes have gas
     dust_columns, collect_dust = _gather(work, of_dust, cells, nodes, there.rows[1], frame, law.code)
@@ -92,9 +93,9 @@ def kick(gas: Gas, dust: Dust, law: Law, frame: Frame, dt: float, there: NodeCel
         (nodes_scatter.scatter, kind, cells, nodes, sharp, *columns, dt, law.exponential, rates)
         for kind, columns, rates in kinds
     ]
-    parallel_for_fused(passes, kicked, least=LEAST)  # in this order: both add to the heat of a node
+    parallel_for_fused(passes, kicked, least=LEAST)  # gas first: the order affects the rounding of the heat of nodes
     for kind, *_ in kinds:
-        free_kick(_outside(kind, cells), kind.vel, kind.acc, dt)
+        free_kick(_outside_lattice(kind, cells), kind.vel, kind.acc, dt)
     if len(work.heat) > 0:
         nodes_heat.move_heat_to_gas(nodes, sharp.heat)
         given = of_gas, cells, nodes, sharp.heat, *gas_columns, work.heat
@@ -105,36 +106,39 @@ def kick(gas: Gas, dust: Dust, law: Law, frame: Frame, dt: float, there: NodeCel
     )
 
 
-def _kept(work: Work, name: str, *shape: int) -> Array:
-    """Return a scratch array with the contents of the last kick, since allocation costs as much as the loops on it."""
+def _scratch(work: Work, name: str, *shape: int) -> Array:
+    """Return the reused scratch array `name`; allocating a new one would cost as much time as the loops on it."""
     size, buffer = math.prod(shape), work.buffers.get(name, EMPTY)
     if len(buffer) < size:
         buffer = work.buffers[name] = aligned((size + size // 16,))
     return buffer[:size].reshape(shape)
 
 
-def _outside(kind: Species, cells: Cells) -> Array:
+def _outside_lattice(kind: Species, cells: Cells) -> Array:
     """Return the indices of the particles outside the lattice."""
     return kind.order[kind.start[len(cells.home) * kind.number] :]
 
 
-def _are_few(blocks: Blocks, classes: int, local: int) -> bool:
-    """Return whether cells have too few grains of a class, over all ranks, for sums over a cell to pay."""
+def _has_few_grains(blocks: Blocks, classes: int, local: int) -> bool:
+    """Return whether occupied cells have fewer than FEW_GRAINS grains of a class, for which sums cost more than grains.
+
+    The mean number of grains is that of all ranks. local: number of local grains.
+    """
     start = blocks.dust_start[: len(blocks.level) * classes + 1]
     filled = np.flatnonzero(np.diff(start))
     cells = np.count_nonzero(blocks.dust_order[start[filled]] < local)  # cells whose first grain is local
     held = np.count_nonzero(blocks.dust_order[: start[-1]] < local)
-    return bool(world.processes.sum(held) < FEW * world.processes.sum(cells))
+    return bool(world.processes.sum(held) < FEW_GRAINS * world.processes.sum(cells))
 
 
-def _sums(there: NodeCells, classes: int, law: Law, work: Work, by_grain: bool) -> tuple[Cells, Nodes]:
-    """Return cells and nodes, with uninitialised arrays for their sums."""
+def _allocate_sums(there: NodeCells, classes: int, law: Law, work: Work, by_grain: bool) -> tuple[Cells, Nodes]:
+    """Return cells and nodes with uninitialised arrays for their sums; by_grain: whether dust is not summed by cell."""
     blocks, _, corners, sides, home, slot, slots, about, near, centre = there
     count = len(home)
-    given = _kept(work, "given of cells", count if by_grain else slots, 9, FIELDS)
-    own = _kept(work, "own of cells", slots, 3, FIELDS)
-    total = _kept(work, "all dust of cells", count if by_grain else 0, 3, FIELDS)
-    share_of = _kept(work, "shares of grains", len(blocks.dust_order) if by_grain else 0)
+    given = _scratch(work, "given of cells", count if by_grain else slots, 9, FIELDS)
+    own = _scratch(work, "own of cells", slots, 3, FIELDS)
+    total = _scratch(work, "all dust of cells", count if by_grain else 0, 3, FIELDS)
+    share_of = _scratch(work, "shares of grains", len(blocks.dust_order) if by_grain else 0)
     square = np.empty(len(near) if work.dim == 2 and law.two_way else 0)
     return (
         Cells(corners, sides, home, slot, given, own, total, share_of, work.period),
@@ -145,15 +149,14 @@ def _sums(there: NodeCells, classes: int, law: Law, work: Work, by_grain: bool) 
 def _gather(
     work: Work, kind: Species, cells: Cells, nodes: Nodes, rows: Array, frame: Frame, law: int
 ) -> tuple[tuple[Array, Array], tuple[Any, ...]]:
-    """Gather the particles of a species to cells.
+    """Gather the particles of a species to cells, and return (packed, collect).
 
-    Returns two tuples. The first has the start of the columns of each population in each block, and the columns; for
-    single grains it has no starts, and the rows of the grains. The second has a kernel that sums at nodes, and its
-    arguments.
+    packed: start of the stored particles of each class in each block, and the stored particles; single grains have no
+    starts. collect: a kernel that sums the species at nodes, and its arguments.
     """
     name, count = ("gas", "dust")[kind.first], len(cells.home)
     if kind.first > 0 and len(cells.total) > 0:
-        row = _kept(work, "rows of grains", len(kind.order), FIELDS)
+        row = _scratch(work, "rows of grains", len(kind.order), FIELDS)
         parallel_for(
             nodes_grains.gather_grains, count, kind, cells, nodes, frame, law, row, cells.share,
             least=LEAST,
@@ -161,7 +164,7 @@ def _gather(
         collect = nodes_grains.collect_grains, kind, nodes, row, cells.share
         return (np.empty(0, np.int64), row.ravel()), collect
     begin = (FIELDS if len(kind.own) > 0 else BX) * LANES * rows
-    column = _kept(work, f"columns of {name}", int(begin[-1]))
+    column = _scratch(work, f"columns of {name}", int(begin[-1]))
     square = np.empty((count if kind.first == 0 and len(nodes.square) > 0 else 0, 9))
     parallel_for(nodes_gather.gather, count, kind, cells, nodes, frame, law, begin, column, square, least=LEAST)
     return (begin, column), (nodes_gather.collect, kind, cells, nodes, square)
@@ -179,9 +182,7 @@ def _relax_nodes(
     gas: Species, dust: Species, blocks: Blocks, cells: Cells, nodes: Nodes, collect: tuple[Any, ...], law: Law,
     frame: Frame, dt: float, work: Work,
 ) -> Sharp:  # fmt: skip
-    """Relax the slip at nodes, after `collect` has summed the dust there, and return the changes that particles
-    receive.
-    """
+    """Sum the dust at nodes with `collect`, relax the slip there, and return the changes to scatter to particles."""
     total, species = nodes.sums.shape[:2]
     sourced = np.array([len(gas.own) > 0] + [len(dust.own) > 0] * (species - 1))
     slopes = Slopes(aligned((total, 4)), aligned((total, species, 4)), np.zeros((total, species), bool))

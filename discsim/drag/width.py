@@ -1,13 +1,13 @@
-"""Wanted side of drag cells as a function of position, for any scheme.
+"""Target side s of drag cells as a function of position, for any scheme.
 
-A scene may give the side as a length, or as a number of smoothing lengths h. The default is
+A scene may give the side as a length (`drag.cell_length`), or in smoothing lengths h (`drag.cell`). The default is
 
-    s = min(2 h, 2.7 d, max(0.7 H, sqrt(n) d))     in a plane,      s = min(h, 2 d)     on a line,
+    s = min(2 h, 2.7 d, max(0.7 H, sqrt(n) d))     in two dimensions,      s = min(h, 2 d)     in one dimension,
 
-with the mean spacing d = h / eta of the gas, and its scale height H about the star by the temperature of the scene. n
-is the number of gas particles that a cell of the scheme needs, 4 at least. h alone is no measure: at one spacing it
-differs by a factor of 2 between kernels. A node of `tsc` averages over the gas of nine cells. Where cells are wider
-than H, the drift is wrong (docs/accuracy.md).
+with the mean particle spacing d = h / eta of the gas, and its scale height H about the star from the temperature of the
+scene. n is the number of gas particles that a cell of the scheme needs, at least 4. The default depends on d as well as
+h, as h at the same spacing differs by a factor of 2 between kernels. If cells are wider than H, the drift of grains is
+wrong (docs/accuracy.md).
 """
 
 from __future__ import annotations
@@ -28,23 +28,23 @@ if TYPE_CHECKING:
 
 kernels = Lazy("discsim.kernels.drag.width")
 Array = np.ndarray
-LENGTHS, SPACINGS = (1.0, 2.0), (2.0, 2.7)  # largest side in h and in d, by dimensions
-HEIGHTS = 0.7  # largest side in H: sides are powers of two of each other, so that some cells are 1.4 times as wide
-FEWEST = 4.0  # least gas particles of a cell that H limits: with fewer, too many cells are empty and merge
-NODES, BEYOND = 4096, 1.5  # nodes of the table of H, and its end in sides of space from the centre
+LENGTHS, SPACINGS = (1.0, 2.0), (2.0, 2.7)  # largest side in h and in d, for one and for two dimensions
+HEIGHTS = 0.7  # largest side in H; rounding to powers of two makes some cells 1.4 times as wide
+FEWEST = 4.0  # smallest number of gas particles in a cell that H limits: with fewer, too many cells are empty and merge
+NODES, BEYOND = 4096, 1.5  # number of nodes of the table of H, and its largest radius in sides of space
 
-# Relative error of the drift at St = 0.01 in cells as wide as H, its power of the width, and its value in narrow cells
-# (`analysis/drift_cells.py`).
-OFF, POWER, LEAST_OFF = 0.02, 7, 0.004
+# Relative error of the drift at St = 0.01: ERROR_AT_H (width / H)^ERROR_POWER in cells of a width, but at least
+# LEAST_ERROR (`analysis/drift_cells.py`).
+ERROR_AT_H, ERROR_POWER, LEAST_ERROR = 0.02, 7, 0.004
 
 
 def drift_error(width: float) -> float:
-    """Return the relative error of the drift of grains of St = 0.01 with `tsc`, in cells of this width in H."""
-    return max(LEAST_OFF, OFF * float(width) ** POWER)
+    """Estimate the relative error of the drift at St = 0.01 with the scheme tsc. width: side of the drag cells in H."""
+    return max(LEAST_ERROR, ERROR_AT_H * float(width) ** ERROR_POWER)
 
 
 def in_lengths(scene: Scene) -> float:
-    """Return the wanted side in smoothing lengths, before H limits it; 0 if the scene gives it as a length."""
+    """Return the target side in smoothing lengths, without the limit by H; 0 if the scene gives a length."""
     drag, dim = scene.drag, scene.space.dimensions
     assert drag is not None and scene.gas is not None
     if drag.cell_length is not None:
@@ -55,22 +55,23 @@ def in_lengths(scene: Scene) -> float:
 
 
 class Width:
-    """Wanted side of a scene's drag cells: `number` times the smoothing lengths that `counted` returns."""
+    """Target side of a scene's drag cells: `number` times the smoothing lengths that `counted` returns."""
 
     def __init__(self, scene: Scene) -> None:
         self.scene, self.number = scene, in_lengths(scene)
         cells = SCHEMES[scene.drag.scheme].cells if scene.drag else None
         by_default = scene.drag is not None and scene.drag.cell is None and scene.drag.cell_length is None
-        self.least = 1.0  # least share of h to which H may limit it
+        self.least = 1.0  # smallest factor by which H may reduce smoothing lengths in `counted`
         if by_default and cells is not None and scene.space.dimensions == 2 and self._has_heights:
             self.least = max(cells.few[0], FEWEST) ** 0.5 / scene.gas.eta / self.number
         self.limited = self.least < 1.0
-        # Leaves are whole cells of the grid. Without this factor, leaves rounded up would be too wide where H is small.
+        # Sides of leaves are rounded up to whole grid cells. This factor prevents leaves that are too wide where H is
+        # small.
         self.rounded = cells.share if cells is not None and self.limited else 1.0
 
     @property
     def _has_heights(self) -> bool:
-        """True if the scene gives a temperature about a star; a polytrope gives none."""
+        """True if the scene defines a scale height about a star; a polytrope does not."""
         scene = self.scene
         given = (getattr(scene.gas.eos, key, None) for key in ("aspect_ratio", "sound_speed"))
         brings = getattr(scene.initial, "brings_temperature", False)
@@ -78,7 +79,7 @@ class Width:
 
     @cached_property
     def table(self) -> tuple[Array, float]:
-        """HEIGHTS times H over `number` at even radii from 0 (NODES,), and the number of nodes per unit of length."""
+        """Limit HEIGHTS H / number of smoothing lengths (NODES,) at equidistant radii from 0, and nodes per length."""
         end = BEYOND * max(self.scene.space.size)
         r = np.linspace(0.0, end, NODES)
         r[0] = 1e-3 * r[1]
@@ -86,9 +87,7 @@ class Width:
         return HEIGHTS / self.number * height, (NODES - 1) / end
 
     def counted(self, pos: Array, h: Array) -> Array:
-        """Return the smoothing lengths (n,) at positions (n, 2) that set the side of cells: h, or less where H limits
-        cells.
-        """
+        """Return smoothing lengths `h` (n,) of gas at `pos` (n, 2), reduced where H limits the side of cells."""
         if not self.limited:
             return h
         out = alloc.allocate_like(h)
@@ -96,7 +95,7 @@ class Width:
         return out
 
     def counted_at(self, radius: Array, h: Array) -> Array:
-        """Return smoothing lengths (n,) at radii (n,) that are limited as in `counted`, by numpy alone."""
+        """Return smoothing lengths `h` (n,) of gas at `radius` (n,), reduced as in `counted`. Needs no compilation."""
         if not self.limited:
             return h
         table, nodes = self.table

@@ -1,4 +1,7 @@
-"""Effects of a scene, one module each; a module is imported only if the scene has its table."""
+"""Effects: the physical processes of a run, one module for each table of a scene.
+
+A module is imported only if the scene has its table.
+"""
 
 from __future__ import annotations
 
@@ -15,20 +18,21 @@ grids = Lazy("discsim.numerics.grid")
 
 
 def effect_classes(scene: Scene) -> dict[str, type[Effect]]:
-    """Return the effect classes that run in a scene, by the names of their tables, in the order of a step."""
+    """Return the effect classes of a scene by table name, in the order in which a step calls them."""
     others = scene.model.stand_ins
     found = {name: import_object(others[name]) if name in others else EFFECTS[name] for name in scene.named}
     return {name: effect for name, effect in found.items() if not effect.role.table_only}
 
 
 def load_effects(scene: Scene, state: State) -> dict[str, Effect]:
-    """Create the effects of `scene`, and the grid of `state` if an effect needs one.
+    """Create the effects of `scene`, by table name, and the grid of `state` if an effect needs one.
 
     Raises ValueError if an effect cannot run with this scene and state.
     """
     classes = effect_classes(scene)
     if any(effect.role.grid for effect in classes.values()):
-        # The first species, the gas if there is any, sets the number of cells: one-way dust must not change the grid.
+        # The number of grid cells follows from the first species, which is the gas if the scene has any: one-way dust
+        # must not change the grid.
         first = next(iter(state.species.values()))
         state.grid = grids.Grid.from_scene(scene, first.count)
     return {name: effect(scene, state) for name, effect in classes.items()}

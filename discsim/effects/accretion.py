@@ -1,4 +1,6 @@
-"""Accretion: star and companions gain the mass and momentum of particles, at the barycentre of body and particles."""
+"""Accretion of particles by a body, the star or a companion: the body gains their mass and momentum, and moves to the
+common barycentre.
+"""
 
 from __future__ import annotations
 
@@ -17,10 +19,10 @@ growth = Lazy("discsim.physics.growth")
 
 
 class Accreted(NamedTuple):
-    """Mass of accreted particles and its parts.
+    """Masses of accreted particles of one species.
 
-    mass: mass of the particles. own: mass that belongs to their species. small: mass of the small dust that accreted
-    gas carries. With two-way drag `mass` is the sum of `own` and `small`; with one-way drag `mass` excludes `small`.
+    mass: sum of the particle masses. small: mass of the small dust in accreted gas. own: `mass` without small dust.
+    With two-way drag `mass` includes `small`; with one-way drag it does not, and `own` equals `mass`.
     """
 
     mass: float
@@ -40,12 +42,12 @@ def accreted_from(state: State, name: str, gone: np.ndarray) -> Accreted:
 
 
 def accrete(state: State, number: int, name: str, gone: np.ndarray, taken: Accreted, grows: bool, moves: bool) -> None:
-    """Add the particles `gone` (indices) of a species, of masses `taken`, to the body `number`; the caller removes
-    them.
+    """Add accreted particles to a body. The caller removes them from the species.
 
-    grows: whether the body gains their mass. moves: whether the body also gains their momentum and moves to the
-    common barycentre. One-way dust in the presence of gas is only counted, as the heavier body would change the
-    motion of the gas.
+    number: index of the body, 0 for the star. name: species of the particles. gone: their indices. taken: their
+    masses, from `accreted_from`. grows: whether the body gains their mass. moves: whether a growing body also gains
+    their momentum and moves to the common barycentre. With one-way drag by gas particles, dust is only counted, as a
+    heavier body would change the motion of the gas.
     """
     bodies, particles = state.bodies, state.species[name]
     assert bodies is not None

@@ -1,4 +1,4 @@
-"""Shear viscosity of SPH gas, nu = alpha c_s H or a constant: a force between pairs, along the line of centres.
+"""Shear viscosity nu of SPH gas, alpha c_s H or a constant, as forces between pairs of particles.
 
     dv_i/dt = (d + 2) sum_j m_j 4 / [(1 / mu_i + 1 / mu_j) rho_i rho_j] (v_ij . e_ij / r_ij) e_ij F_ij             (1)
     F_ij    = d / (2 (d + 2) <q^2>) [q_i^2 dW(h_i)/dr + q_j^2 dW(h_j)/dr],   q = r_ij / h                          (2)
@@ -12,12 +12,11 @@ off by 12% on a lattice and by 4 to 7% in a disc. With the weights of (2), nu is
 as long. The harmonic mean of mu keeps the stress continuous where nu has a step (Cleary & Monaghan 1999, for heat).
 Gas that holds heat gains the energy that the pairs lose, in equal shares.
 
-The sum is made together with the sum of pressure (`kernels/sph/forces.py`) and is part of the acceleration of [gas].
-nu is that of `physics/viscosity.py`, by each particle's present sound speed. A [background] has only the radial flow
-of nu.
+The effect of [gas] adds these forces together with the pressure (`kernels/sph/forces.py`). `physics/viscosity.py`
+computes nu, from the present sound speed of each particle. In a [background], viscosity only causes a radial flow.
 
-Step limit: 1 / (18 W(0, h) nu), 0.122 h^2 / nu of the cubic kernel. Velocities of disordered particles grow in steps
-above 1 / (14 W(0, h) nu), so `run.courant` is at most 0.72.
+The step limit is 1 / (18 W(0, h) nu), which is 0.122 h^2 / nu for the cubic kernel. With steps above
+1 / (14 W(0, h) nu), velocities of disordered particles grow, so `run.courant` is at most 0.72.
 """
 
 from __future__ import annotations
@@ -41,22 +40,22 @@ if TYPE_CHECKING:
     from discsim.scene import Scene
 
 PARTICLE, NEIGHBOUR = 60.0, 2.5  # CPU nanoseconds in a step, per particle and per neighbour of a particle
-STEP = ("inner_alpha", "outer_alpha", "radius", "width")
-DEAD = ("dead_alpha", "dead_inner", "dead_outer", "dead_width")
+STEP_KEYS = ("inner_alpha", "outer_alpha", "radius", "width")
+DEAD_ZONE_KEYS = ("dead_alpha", "dead_inner", "dead_outer", "dead_width")
 
 
 def _one_law(draft: Draft) -> Iterator[Problem]:
-    """Yield problems of a scene with no viscosity or several, and of groups of keys that are incomplete."""
+    """Yield problems of a table that defines no viscosity or several, or has an incomplete group of keys."""
     keys = draft.alpha_viscosity
     given = [key for key in ("alpha", "nu") if getattr(keys, key) is not None]
-    given += [key for key in STEP if getattr(keys, key) is not None][:1]
+    given += [key for key in STEP_KEYS if getattr(keys, key) is not None][:1]
     if len(given) != 1:
         wrong = f"{' and '.join(given)} are both given" if given else "no viscosity is given"
         words = "expected exactly one of alpha, nu, or inner_alpha and outer_alpha with radius and width"
         yield ("alpha_viscosity", *given[-1:]), f"{wrong}; {words}"
     if keys.step == "logarithmic":
-        yield from _of_logarithms(keys)
-    for group in (STEP, DEAD):
+        yield from _logarithmic_step(keys)
+    for group in (STEP_KEYS, DEAD_ZONE_KEYS):
         there = [key for key in group if getattr(keys, key) is not None]
         for key in group if there else ():
             if key not in there:
@@ -75,7 +74,7 @@ def _one_law(draft: Draft) -> Iterator[Problem]:
         yield ("alpha_viscosity", "index"), "index is used only with alpha; expected alpha, or no index"
 
 
-def _of_logarithms(keys: Any) -> Iterator[Problem]:
+def _logarithmic_step(keys: Any) -> Iterator[Problem]:
     """Yield problems of step = "logarithmic", which needs a positive inner_alpha and outer_alpha."""
     if None in (keys.inner_alpha, keys.outer_alpha):
         yield (
@@ -87,14 +86,14 @@ def _of_logarithms(keys: Any) -> Iterator[Problem]:
             yield ("alpha_viscosity", key), '0 has no logarithm; expected more than 0, or step = "linear"'
 
 
-def _a_reference(draft: Draft) -> Iterator[Problem]:
+def _needs_reference_radius(draft: Draft) -> Iterator[Problem]:
     """Yield a problem if alpha is a power of r and the start has no reference radius."""
     keys, start = draft.alpha_viscosity, draft.initial
     if keys.index != 0.0 and start is not None and not hasattr(start, "reference_radius"):
         yield ("alpha_viscosity", "index"), f'initial.kind = "{draft.kind}" has no reference_radius; expected no index'
 
 
-def _gas_that_shears(draft: Draft) -> Iterator[Problem]:
+def _needs_shear(draft: Draft) -> Iterator[Problem]:
     """Yield problems of a scene in 1D, without gas, or without a star that alpha refers to."""
     if draft.dimensions == 1:
         yield (
@@ -110,12 +109,12 @@ def _gas_that_shears(draft: Draft) -> Iterator[Problem]:
         yield ("alpha_viscosity",), "H = c_s / Omega needs a star; expected a table [star], or nu instead of alpha"
 
 
-UNSTABLE = 1.25  # in steps of the limit: in longer ones velocities grow in a disordered arrangement
+UNSTABLE = 1.25  # unstable step over step limit: in longer steps, velocities of disordered particles grow
 
 
 class Effect(base.Effect):
     keys = Keys
-    rules = (_one_law, _a_reference, _gas_that_shears)
+    rules = (_one_law, _needs_reference_radius, _needs_shear)
 
     @classmethod
     def report(cls, scene: Scene, at: Local) -> base.Report:
@@ -131,10 +130,10 @@ class Effect(base.Effect):
             yield "nu of the scene", scene.units.show(asked[0], "diffusivity")
             yield "nu of artificial viscosity", scene.units.show(artificial[0], "diffusivity")
             return
-        yield "alpha of the scene", _texts(asked)
+        yield "alpha of the scene", _joined(asked)
         if scene.gas:
-            yield "alpha of artificial viscosity", _texts(artificial)
-            yield "alpha of particle noise, about", _texts(noise)
+            yield "alpha of artificial viscosity", _joined(artificial)
+            yield "alpha of particle noise, about", _joined(noise)
 
     @classmethod
     def _warnings(cls, scene: Scene, at: Local) -> Iterator[str]:
@@ -142,7 +141,7 @@ class Effect(base.Effect):
         if found is None or not scene.gas:
             return
         name, (asked, artificial, noise) = found
-        beside = np.where(_held(scene, at), 0.0, artificial + noise)
+        beside = np.where(_in_damping_zones(scene, at), 0.0, artificial + noise)
         worst = int(np.argmax(beside - asked))
         if beside[worst] > asked[worst]:
             from discsim.effects.gas import QUIETED
@@ -174,7 +173,7 @@ class Effect(base.Effect):
         return Expected(float(steps[worst]), at.where(worst))
 
     def operators(self, state: State) -> list[base.Operator]:
-        """Return the step limit; the acceleration by [gas] contains the viscous one."""
+        """Return the operator of the step limit. The effect of [gas] adds the viscous acceleration."""
         return [base.Operator("alpha_viscosity.limit", base.Slot.LIMIT, self.limit, base.arrays("gas", "nu h"))]
 
     def limit(self, view: base.View) -> dict[str, base.Limit]:
@@ -190,10 +189,10 @@ class Effect(base.Effect):
 
 
 def _viscosities(scene: Scene, at: Local) -> tuple[str, tuple[np.ndarray, np.ndarray, np.ndarray]] | None:
-    """Return the requested viscosity, the artificial viscosity and the viscosity of noise, (n,) each at the places of
-    `at`.
+    """Return (name, (requested, artificial, noise)): three viscosities (n,) at the points of `at`.
 
-    The name before them is "alpha", or "nu" where nothing rotates. Returns None where the scene does not define nu.
+    requested: viscosity of [alpha_viscosity]. artificial: of SPH. noise: of particle noise. name: "alpha" if they are
+    in units of c_s H, or "nu" in gas that does not rotate. Returns None if the scene does not define the viscosity.
     """
     asked = viscosity.at_places(scene, at.radius, at.thermal_speed, at.density)
     if asked is None:
@@ -206,8 +205,8 @@ def _viscosities(scene: Scene, at: Local) -> tuple[str, tuple[np.ndarray, np.nda
     return "alpha", (asked / unit, of_gas[0] / unit, of_gas[1] / unit)
 
 
-def _held(scene: Scene, at: Local) -> np.ndarray | bool:
-    """Return a mask (n,) of the places in zones of [damping], where the flow is prescribed at any viscosity."""
+def _in_damping_zones(scene: Scene, at: Local) -> np.ndarray | bool:
+    """Return a mask (n,) of the points in zones of [damping], where the velocity does not depend on the viscosity."""
     damping = scene.table("damping")
     if damping is None or at.radius is None:
         return False
@@ -215,5 +214,5 @@ def _held(scene: Scene, at: Local) -> np.ndarray | bool:
     return np.logical_or.reduce(within)
 
 
-def _texts(values: np.ndarray) -> str:
+def _joined(values: np.ndarray) -> str:
     return ", ".join(f"{value:.2g}" for value in values)

@@ -32,8 +32,9 @@ __all__ = [
 
 NO_SPECIES = np.empty(0, np.int64)  # for gas, which has no populations
 
-# Steps between reorderings of a species' arrays. The first step reorders, as the order of a start makes poor use of the
-# cache. The order in memory decides the order of sums, so reordering must depend on the number of the step alone.
+# Steps between reorderings of a species' arrays. The first step reorders too, as the order of particles at the start
+# makes poor use of the cache. The order in memory decides the order of sums, so reordering must depend on the step
+# number alone.
 SORT_EVERY = 16
 
 
@@ -51,9 +52,10 @@ class Counts(NamedTuple):
 
 
 class Column(NamedTuple):
-    """Array (n,) or (n, d) for snapshots, in code units, with its name in the file, its dimension and its meaning.
+    """Array for snapshots that the snapshot layout does not define.
 
-    dimension: one of `discsim.scene.units`, or "" for a plain number.
+    values: array (n,) or (n, d) in code units. dataset: its name in the file. dimension: a name of
+    `discsim.scene.units` like "length", or "" for a plain number. about: description in the file.
     """
 
     values: np.ndarray
@@ -63,22 +65,23 @@ class Column(NamedTuple):
 
 
 class Role(NamedTuple):
-    """Facts of an effect that do not depend on the scene.
+    """Properties of an effect that are the same in all scenes.
 
     Attributes
     ----------
     kicks : bool
-        Whether the effect kicks gas and dust together, in place of the kick of each species; a `KickEffect`.
+        Whether the effect kicks gas and dust together. It is then a `KickEffect` and replaces the separate kicks of
+        the species.
     grid : bool
-        Whether the effect needs the grid of the state.
+        Whether the effect needs `state.grid`.
     centre : bool
-        Whether the origin is a centre that figures mark.
+        Whether figures mark the origin as the centre.
     table_only : bool
-        Whether the table configures other effects, and the effect is not created.
+        Whether the table only configures other effects. No object of this effect is then created.
     several : bool
-        Whether the scene may have an array of these tables.
+        Whether a scene may have several of these tables, as an array [[name]].
     lists_schemes : bool
-        Whether the reference lists the drag schemes below the keys.
+        Whether the reference page lists the drag schemes below the keys of the table.
     """
 
     kicks: bool = False
@@ -90,10 +93,10 @@ class Role(NamedTuple):
 
 
 class Report(NamedTuple):
-    """Texts about a scene for `check` and the log of a run.
+    """Derived numbers and warnings of a scene, for `discsim check` and the log of a run.
 
-    rows: names and texts of derived numbers. warnings: warnings of a scene that runs, but perhaps not as meant, each
-    with its number and a remedy.
+    rows: (name, text) of each derived number. warnings: one text for each setting that allows a run but is probably
+    wrong, with the number that shows it and a remedy.
     """
 
     rows: Iterable[tuple[str, str]] = ()
@@ -101,10 +104,10 @@ class Report(NamedTuple):
 
 
 class Effect:
-    """Base class of effects; by itself an effect does nothing and limits nothing.
+    """Base class of effects: an effect without operators, time-step limit or output.
 
-    The registry (`discsim/parts.py`) maps the name of a table to its effect; `scene.table(name)` returns that table.
-    All numbers are in code units, and arrays have one row per particle.
+    The registry (`discsim/parts.py`) maps the name of a table to its effect class; `scene.table(name)` returns the
+    table. All numbers are in code units. Arrays have one row per particle.
 
     Parameters
     ----------
@@ -119,24 +122,25 @@ class Effect:
         The effect cannot run with this scene and state.
     """
 
-    keys: type[Table]  # the table of the effect
+    keys: type[Table]  # the keys of the effect's table
     role = Role()
-    rules: tuple[Rule, ...] = ()  # generators of the problems of a scene with this table
-    # Attributes made from the particles of the start, in `__init__` or `begin`. On several processes one process makes
-    # them and sends them to the others, in place of `begin` there. All other attributes must need the scene alone.
+    rules: tuple[Rule, ...] = ()  # generators that yield the problems of a scene with this table
+    # Names of attributes that `__init__` or `begin` computes from the initial particles. On several processes, one
+    # process computes them and sends them to the others, which do not call `begin`. All other attributes must depend
+    # on the scene alone.
     from_start: tuple[str, ...] = ()
 
     def __init__(self, scene: Scene, state: State) -> None:
-        """Create the effect for a run of `scene` from the start `state`."""
+        """Create the effect for a run of `scene` that starts from `state`."""
 
     def __init_subclass__(cls) -> None:
-        """Refuse methods of the former interface, which no step calls."""
+        """Raise TypeError for a class with `accelerate` but no `operators`, as no step would call `accelerate`."""
         if "accelerate" in vars(cls) and cls.operators is Effect.operators:
             raise TypeError("accelerate alone is no part of an effect; expected operators (docs/recipes/effect.md)")
 
     @classmethod
     def unused(cls, scene: Scene) -> tuple[str, ...]:
-        """Return the keys of its table that have no meaning in this scene."""
+        """Return the keys of the effect's table that have no meaning in this scene."""
         return ()
 
     @classmethod
@@ -148,41 +152,41 @@ class Effect:
         scene : Scene
             Validated scene.
         at : Local
-            Gas of the start at a few places.
+            Estimates of the initial gas at a few points.
         """
         return Report()
 
     @classmethod
     def nanoseconds(cls, scene: Scene, counts: Counts) -> float:
-        """Return the CPU time of a step in nanoseconds, as `preview/forecast.py` defines it."""
+        """Estimate the CPU time of the effect in one step, in nanoseconds (see `preview/forecast.py`)."""
         return 0.0
 
     @classmethod
     def expected_limit(cls, scene: Scene, outlook: Outlook) -> Expected:
-        """Estimate the step limit of the effect at a time of the run, for the forecast.
+        """Estimate the time-step limit of the effect at a time of the run, for the forecast of the run's cost.
 
         Parameters
         ----------
         scene : Scene
             Validated scene.
         outlook : Outlook
-            Expected state of the run at that time.
+            Estimated state of the run at this time.
 
         Returns
         -------
         Expected
-            The limit in code units, inf for none, and the place that sets the limit.
+            The limit in code units, inf without a limit, and the place that sets it.
         """
         return Expected()
 
     @classmethod
     def grid_bytes(cls, scene: Scene, shape: tuple[int, ...]) -> int:
-        """Return the memory in bytes that the effect holds on a grid of this shape."""
+        """Estimate the memory in bytes of the effect's arrays on a grid of this shape."""
         return 0
 
     def begin(self, state: State, effects: Mapping[str, Effect]) -> None:
-        """Prepare the effect for the starting state, which has its velocities. The call is also made before a run is
-        resumed.
+        """Prepare the effect for a run, once the initial velocities are set. A resumed run calls this method too, with
+        the same initial state.
 
         Parameters
         ----------
@@ -195,49 +199,50 @@ class Effect:
     def operators(self, state: State) -> list[Operator]:
         """Return the operators of the effect, in the order in which they run within a slot.
 
-        The list depends on the scene and the species alone.
+        The list must depend only on the scene and on the species that are present.
         """
         return []
 
     def potential_energy(self, state: State) -> float:
-        """Return the potential energy of particles in the field of the effect."""
+        """Return the total potential energy of all particles in the field of the effect."""
         return 0.0
 
     def columns(self, state: State) -> Mapping[str, Mapping[str, np.ndarray | Column]]:
-        """Return additional arrays for a snapshot, at a state with its closing kick made.
+        """Return additional arrays for a snapshot, from a state after the closing kick of its step.
 
         Returns
         -------
         mapping of str to mapping
-            By species and name: arrays (n,) of names in the snapshot layout (`output/layout.py`), or a `Column` for any
-            other name.
+            Arrays by species and name. A name of the snapshot layout (`output/layout.py`) has an array (n,), any other
+            name has a `Column`.
         """
         return {}
 
 
 class KickEffect(Effect):
-    """Effect that kicks gas and dust together, in place of the kick of each species; at most one in a scene.
+    """Effect that kicks gas and dust together and replaces the separate kicks of the species; at most one in a scene.
 
-    Its operator of the slot KICK solves the relaxation of the slip with the accelerations inside.
+    Its operator in the slot KICK applies accelerations and drag to the slip in one solution.
     """
 
     role = Role(kicks=True)
 
     @property
     def uncoupled(self) -> float:
-        """Share of the dust mass that the last kick should have coupled to gas and could not."""
+        """Fraction of the dust mass to which the last kick could not apply drag as intended."""
         return 0.0
 
 
 def kick_effect(effects: Mapping[str, Effect]) -> str | None:
-    """Return the name of the effect that kicks gas and dust together; None if each species has its own kick."""
+    """Return the table name of the effect that kicks gas and dust together; None if each species has its own kick."""
     return next((name for name, effect in effects.items() if effect.role.kicks), None)
 
 
 def drift(scene: Scene, particles: Particles, dt: float, masses: np.ndarray | None = None) -> None:
-    """Move particles over dt: along straight lines, or on orbits about central `masses` (populations,).
+    """Move particles over dt: on straight lines, or on Kepler orbits if central masses are given.
 
-    Immobile particles stay. Positions are wrapped into a periodic space.
+    masses (populations,): central mass of the orbits of each population. Immobile particles do not move. Positions are
+    wrapped into a periodic space.
     """
     species = getattr(particles, "species", NO_SPECIES)
     if particles.immobile is None:

@@ -1,7 +1,7 @@
-"""Drag between gas and dust on a fixed 1D grid, in one operator with their motion (`discsim/numerics/ppm.py`).
+"""Drag and motion of gas and dust on a fixed 1D grid (`discsim/numerics/ppm.py`).
 
-The schemes sios-ppm and emsi-ppm solve fluxes and drag together. The move is therefore the whole step, and there is
-no kick. The drag limits no step.
+The schemes sios-ppm and emsi-ppm solve fluxes and drag in one operator in the slot MOVE; there is no kick. The drag
+sets no time-step limit.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Effect(base.KickEffect):
         return base.Report(warnings=cautions.warnings(scene, at))
 
     def operators(self, state: State) -> list[base.Operator]:
-        """Return the move, which contains fluxes and drag; there is no kick."""
+        """Return the only operator, which applies fluxes and drag."""
         return [base.Operator("drag.move", base.Slot.MOVE, self.move)]
 
     def move(self, state: State, dt: float) -> None:

@@ -1,5 +1,6 @@
-"""Pressureless dust in the cells of a fixed 1D grid: density, and step limit dx / |u|. The drag scheme moves the
-dust.
+"""Pressureless dust in the cells of a fixed 1D grid: density, and the step limit dx / |u| with the dust velocity u.
+
+The effect of [drag] moves the dust.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""Gas in the cells of a fixed 1D grid: density, pressure, and step limit dx / (|v| + c_s).
+"""Gas in the cells of a fixed 1D grid: density, pressure, and the step limit dx / (|v| + c_s).
 
-The drag scheme moves the gas.
+The effect of [drag] moves the gas.
 """
 
 from __future__ import annotations

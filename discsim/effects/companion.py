@@ -1,17 +1,19 @@
-"""Companions of the star: planets, a second star, a flyby; G m d / (d^2 + eps^2)^(3/2) on gas and dust.
+"""Companions of the star (planets, a second star, a flyby): gravity -G m d / (d^2 + eps^2)^(3/2) on gas and dust.
 
-    orbit = "fixed"   Kepler's orbit about GM = M + m in closed form of the time
-    orbit = "live"    responds to star, companions, gas and dust, each optional; exact while only the star pulls
-                      (`physics/orbits.py`), and companion and particle exert opposite forces on each other
+d is the vector from the companion, and eps its softening.
 
-The pull on gas and dust grows as m sin^2(pi t / 2 ramp), and so does the pull of the disc on the companion
-(`physics/orbits.py`). The orbit has the whole mass from the start.
+    orbit = "fixed"   a Kepler orbit about GM = M + m, in closed form
+    orbit = "live"    feels star, companions, gas and dust, or those that the key `feels` lists; exact if only the star
+                      pulls (`physics/orbits.py`); companion and particle exert opposite forces on each other
 
-Particles within accretion_radius are accreted: all at once, or each with the probability 1 - exp(-rate dt / P) in a
-step, P = 2 pi / Omega of the companion at its present distance. A live companion gains their mass and momentum, a
-companion on a fixed orbit their mass.
+During a ramp, the forces between companion and disc grow as sin^2(pi t / 2 ramp) (`physics/orbits.py`). The orbit has
+the full mass from the start.
 
-Step limit, half of the least of
+Particles within accretion_radius are accreted: all at once or, with accretion_rate, each with the probability
+1 - exp(-rate dt / P) in a step, with P = 2 pi / Omega of the companion at its present distance. The companion gains
+their mass; a live one gains their momentum too.
+
+The step limit is half of the smallest of
 
     ((d^2 + eps^2)^(3/2) / G m)^(1/2)   of the nearest particle
     (d^2 + eps^2)^(1/2) / |v|           of each particle, at its relative velocity
@@ -50,12 +52,12 @@ if TYPE_CHECKING:
 
 kernels = Lazy("discsim.kernels.gravity.point_masses")
 
-CLOSE = 0.2  # in inner radii of the disc: for the disc a closer companion and the star are one central mass
+CLOSE = 0.2  # largest distance, in inner radii of the disc, at which star and companion count as one central mass
 SOFTER = "a longer companion.softening"
 PULL = 12.0  # CPU nanoseconds in a step, per particle and companion
 
 
-def _about_a_star(draft: Draft) -> Iterator[Problem]:
+def _needs_star(draft: Draft) -> Iterator[Problem]:
     """Yield problems of companions without a star, and of orbits that do not exist."""
     if not draft.has("star"):
         yield ("companion",), "a companion needs a star to orbit; expected a table [star] too"
@@ -71,7 +73,7 @@ def _about_a_star(draft: Draft) -> Iterator[Problem]:
             yield ("companion", k, "phase"), f"{wrong}; expected between -{most:.4g} and {most:.4g}"
 
 
-def _its_ramp(draft: Draft) -> Iterator[Problem]:
+def _unbound_ramp(draft: Draft) -> Iterator[Problem]:
     """Yield a problem of a ramp on an unbound companion if the disc turns about the barycentre."""
     if draft.star is None or draft.star.centre == "star":
         return
@@ -81,8 +83,8 @@ def _its_ramp(draft: Draft) -> Iterator[Problem]:
             yield ("companion", k, "ramp"), f'{wrong}; expected no ramp, or star.centre = "star"'
 
 
-def _what_it_feels(draft: Draft) -> Iterator[Problem]:
-    """Yield problems of `feels`, the list of what pulls a live companion."""
+def _sources_felt(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of the key `feels`, the list of sources that accelerate a live companion."""
     for k, companion in enumerate(draft.companion or ()):
         where, names = ("companion", k, "feels"), companion.feels
         if names is None:
@@ -99,8 +101,8 @@ def _what_it_feels(draft: Draft) -> Iterator[Problem]:
             yield where, f'{wrong}; expected no "dust", or drag.direction = "two-way"'
 
 
-def _its_softening(draft: Draft) -> Iterator[Problem]:
-    """Yield problems of softening and accretion, like a softening in H in gas without a fixed H."""
+def _softening_and_accretion(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of the keys for softening and accretion."""
     gas = draft.gas or draft.background
     for k, companion in enumerate(draft.companion or ()):
         where, wanted = ("companion", k, "softening"), 'expected a length in quotes, like "0.03"'
@@ -119,15 +121,15 @@ def _its_softening(draft: Draft) -> Iterator[Problem]:
 
 
 def _has_height(eos: Any) -> bool:
-    """Return whether an equation of state gives a scale height that is a function of the radius alone."""
+    """Return whether the equation of state defines a scale height that depends on radius alone."""
     return getattr(eos, "sound_speed", None) is not None or getattr(eos, "aspect_ratio", None) is not None
 
 
-class _Near(NamedTuple):
-    """Length scales at a companion's semi-major axis: its softening, H, and h in the convention of
-    `Local.resolution`.
+class _LocalLengths(NamedTuple):
+    """Length scales at the semi-major axis of a companion.
 
-    A length is None where the scene has none.
+    softening: of the companion. height: scale height H of the gas. resolution: smoothing length h of the gas, as in
+    `Local.resolution`. The last two are None if the scene does not define them.
     """
 
     units: Units
@@ -135,13 +137,13 @@ class _Near(NamedTuple):
     height: float | None
     resolution: float | None
 
-    def told(self, length: float) -> str:
+    def as_text(self, length: float) -> str:
         of = ((self.height, "H"), (self.resolution, "h"))
         others = ", ".join(f"{length / unit:.3g} {name}" for unit, name in of if unit is not None)
         return self.units.show(length, "length") + (f" ({others})" if others else "")
 
 
-def _near(scene: Scene, at: Local, companion: Any) -> _Near:
+def _local_lengths(scene: Scene, at: Local, companion: Any) -> _LocalLengths:
     """Return the length scales at the semi-major axis of a companion."""
     r = companion.semi_major_axis
     gas: Any = scene.gas
@@ -151,11 +153,11 @@ def _near(scene: Scene, at: Local, companion: Any) -> _Near:
     if gas is not None and at.particle_mass is not None and (density := _density(scene, r)) > 0.0:
         mass = at.particle_mass * _relative_mass(scene, r)
         h = float(resolution(scene, np.array(gas.smoothing_length or gas.eta * math.sqrt(mass / density))))
-    return _Near(scene.units, softening(scene, companion, r), height, h)
+    return _LocalLengths(scene.units, softening(scene, companion, r), height, h)
 
 
 def _density(scene: Scene, r: float) -> float:
-    """Return Sigma of the starting gas at a radius; 0 where there is none."""
+    """Return the initial surface density of the gas at radius `r`; 0 beyond the gas."""
     places = start_of(scene).all_over(scene)[0]
     if places.radius is None:
         return 0.0
@@ -163,15 +165,16 @@ def _density(scene: Scene, r: float) -> float:
 
 
 def _relative_mass(scene: Scene, r: float) -> float:
-    """Return the mass of the starting gas particles at a radius over their mean."""
+    """Return the initial mass of gas particles at radius `r`, divided by their mean mass."""
     places = start_of(scene).all_over(scene)[0]
     return 1.0 if places.relative_mass is None else float(np.interp(r, places.radius, places.relative_mass))
 
 
 def quadrupole_of_pair(scene: Scene, companion: Any) -> float | None:
-    """Return how much the pull of a close pair differs from one star's at the inner edge of the disc, as a fraction.
+    """Return the relative difference between the pull of a close pair and that of a single star of the same mass.
 
-    Returns None unless the companion is on a bound fixed orbit far within the disc.
+    The pull is that at the inner edge of the disc. Returns None unless the companion is on a bound fixed orbit far
+    within this edge.
     """
     star, edges = scene.star, start_of(scene).edges
     if edges is None or companion.orbit != "fixed" or companion.eccentricity >= 1.0:
@@ -182,24 +185,23 @@ def quadrupole_of_pair(scene: Scene, companion: Any) -> float | None:
     return float(0.75 * star.mass * companion.mass / total**2 * (wide / inner) ** 2)
 
 
-def _named(k: int, what: str) -> str:
+def _row_name(k: int, what: str) -> str:
     return f"companion {k}: {what}"
 
 
 class Effect(base.Effect):
-    """Pull between companions and particles, and accretion by companions; the effect of the star moves the
-    companions.
-    """
+    """Gravity between companions and particles, and accretion. The effect of [star] moves the companions."""
 
     keys = Keys
     role = base.Role(several=True)
-    rules = (_about_a_star, _its_ramp, _what_it_feels, _its_softening)
+    rules = (_needs_star, _unbound_ramp, _sources_felt, _softening_and_accretion)
 
     def __init__(self, scene: Scene, state: State) -> None:
         self.scene = scene
         self.companions = scene.table("companion")
         self.orbits = Orbits(scene)
-        self._near: dict[str, np.ndarray] = {}  # (companions, 2), least values of `kernels.attract_moving`
+        # By species: smallest values (companions, 2) of d^2 and of (d^2 + eps^2) / v^2 over the particles.
+        self._near: dict[str, np.ndarray] = {}
         self._lengths = np.zeros(len(self.companions))  # softenings
         self._dt = 0.0
 
@@ -227,16 +229,16 @@ class Effect(base.Effect):
         star, viscous = scene.star, scene.table("alpha_viscosity") is not None
         assert star is not None
         for k, companion in enumerate(scene.table("companion"), 1):
-            near = _near(scene, at, companion)
+            near = _local_lengths(scene, at, companion)
             if companion.eccentricity < 1.0:
-                yield _named(k, "period"), scene.units.show(formulas.period(scene, companion), "time")
+                yield _row_name(k, "period"), scene.units.show(formulas.period(scene, companion), "time")
             if not formulas.is_star(scene, companion):
-                yield _named(k, "Hill radius"), near.told(formulas.hill_radius(scene, companion))
-            yield _named(k, "softening"), near.told(near.softening)
+                yield _row_name(k, "Hill radius"), near.as_text(formulas.hill_radius(scene, companion))
+            yield _row_name(k, "softening"), near.as_text(near.softening)
             if viscous and near.height is not None and not formulas.is_star(scene, companion):
                 gap = formulas.gap_number(scene, companion)
                 yield (
-                    _named(k, "gap"),
+                    _row_name(k, "gap"),
                     f"K = {gap:.3g}: Sigma in the gap falls to a fraction of {1.0 / (1.0 + 0.04 * gap):.2g}",
                 )
 
@@ -245,7 +247,7 @@ class Effect(base.Effect):
         star = scene.star
         assert star is not None
         for k, companion in enumerate(scene.table("companion"), 1):
-            near = _near(scene, at, companion)
+            near = _local_lengths(scene, at, companion)
             if near.resolution is None:
                 continue
             hill = formulas.hill_radius(scene, companion)
@@ -298,7 +300,7 @@ class Effect(base.Effect):
         return found
 
     def _limit(self, shortest: float, row: Callable[[], int] | None = None) -> base.Limit:
-        """Return the limit by an orbit or an encounter with 1 / frequency `shortest`."""
+        """Return the limit of an orbit or encounter; `shortest` is the smallest 1 / frequency."""
         step = IN_KICKS * shortest
         return base.Limit(step, base.GROWS / IN_KICKS * step, row, SOFTER)
 
@@ -319,27 +321,27 @@ class Effect(base.Effect):
         self.orbits.place(bodies, state.time)
 
     def _accrete(self, state: State, k: int, name: str, place: list[float]) -> None:
-        """Remove the particles of species `name` that companion `k`, at `place`, accretes in the step just made."""
+        """Remove the particles of species `name` that companion `k`, at the position `place`, accretes after a step."""
         companion, p = self.companions[k], state.species[name]
         found = parallel_for(kernels.split_by_radius, p.count, p.pos, companion.accretion_radius**2, *place)
         gone = np.concatenate([inside for _, inside in found])
         if companion.accretion_rate is not None:
-            kept = _chances(self.scene.run.seed, state.step + state.earlier, k, p.ids[gone]) >= self._share(state, k)
-            gone = gone[~kept]
+            numbers = _random_numbers(self.scene.run.seed, state.step + state.earlier, k, p.ids[gone])
+            gone = gone[~(numbers >= self._accretion_probability(state, k))]
         if world.processes.most(len(gone)) > 0:
             taken = accreted_from(state, name, gone)
             accrete(state, k + 1, name, gone, taken, grows=True, moves=bool(self.orbits.live[k]))
             p.remove(gone)
 
-    def _share(self, state: State, k: int) -> float:
-        """Return the share of the particles within the radius that is accreted in the step just made."""
+    def _accretion_probability(self, state: State, k: int) -> float:
+        """Return the probability that companion `k` accretes a particle within its radius after a step."""
         bodies = _bodies(state)
         r = math.dist(bodies.pos[k + 1], bodies.pos[0])
         period = 2.0 * math.pi * math.sqrt(r**3 / (bodies.mass[0] + bodies.mass[k + 1]))
         return -math.expm1(-self.companions[k].accretion_rate * self._dt / period)
 
     def potential_energy(self, state: State) -> float:
-        """Return the energy of gas and dust in the field of the companions."""
+        """Return the total potential energy of gas and dust in the field of the companions."""
         bodies, energy = _bodies(state), 0.0
         for p in state.species.values():
             for k in range(len(self.companions)):
@@ -353,10 +355,10 @@ def _bodies(state: State) -> Bodies:
     return state.bodies
 
 
-def _chances(seed: int, step: int, companion: int, ids: np.ndarray) -> np.ndarray:
-    """Return numbers in [0, 1) (n,) that depend on seed, step, companion and particle ids alone.
+def _random_numbers(seed: int, step: int, companion: int, ids: np.ndarray) -> np.ndarray:
+    """Return pseudo-random numbers (n,) in [0, 1) for the particles `ids` (n,).
 
-    A counter-based hash makes them (splitmix64; Steele et al. 2014).
+    A counter-based hash (splitmix64; Steele et al. 2014) of seed, step, companion and id computes them.
     """
     golden = np.uint64(0x9E3779B97F4A7C15)
     z = ids.astype(np.uint64)

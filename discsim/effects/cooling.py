@@ -1,13 +1,13 @@
-"""Cooling of adiabatic gas: du/dt = heating - (u - u_eq) / t_cool, or the radiation of a grey disc's two surfaces.
+"""Cooling of adiabatic gas: du/dt = heating - (u - u_eq) / t_cool, or radiation from the two surfaces of a grey disc.
 
-    kind = "beta"         t_cool = beta / Omega_K about the central mass
+    kind = "beta"         t_cool = beta / Omega_K, with Omega_K about the central mass
     kind = "constant"     t_cool the same everywhere
     kind = "radiative"    du/dt = heating - 2 sigma (T^4 - T_irr^4) / (tau_eff Sigma),
                           tau_eff = 3 tau / 8 + sqrt(3) / 4 + 1 / (4 tau), tau = kappa Sigma / 2 (Hubeny 1990)
 
-u_eq and T_irr are those of a passive disc, u_eq = (H/r)^2 (G M / r) / (gamma - 1). Cooling is part of the kick of u,
-which solves cooling and all heating together (`kernels/sph/cooling.py`). The solution is right at any step, so cooling
-limits no step.
+kappa is the opacity. u_eq and T_irr are the specific energy and temperature of a disc heated only by the star,
+u_eq = (H/r)^2 (G M / r) / (gamma - 1). Cooling is part of the kick of u, which solves cooling and all heating together
+(`kernels/sph/cooling.py`). The solution is right at any step, so cooling sets no time-step limit.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ if TYPE_CHECKING:
 
 kernels = Lazy("discsim.kernels.sph.cooling")
 
-KEY_OF = {"beta": "beta", "constant": "t_cool", "radiative": "opacity"}  # the key of each kind
-# CPU nanoseconds in a step, per particle: one kick of its energy and one prediction.
+KEY_OF = {"beta": "beta", "constant": "t_cool", "radiative": "opacity"}  # the key that each kind needs
+# CPU nanoseconds in a step, per particle, of one kick and one prediction of the energy.
 NANOSECONDS = {"beta": 100.0, "constant": 60.0, "radiative": 1000.0}
 
 
-def _heat_to_lose(draft: Draft) -> Iterator[Problem]:
+def _needs_energy_equation(draft: Draft) -> Iterator[Problem]:
     if not draft.has("gas"):
         yield ("cooling",), "cooling needs gas; expected a table [gas] too, or no [cooling]"
     elif draft.gas and not draft.eos.holds_heat:
@@ -47,7 +47,7 @@ def _heat_to_lose(draft: Draft) -> Iterator[Problem]:
         yield ("cooling",), f'drag.scheme "{draft.drag.scheme}" has no cooling; expected another drag.scheme'
 
 
-def _key_of_the_kind(draft: Draft) -> Iterator[Problem]:
+def _keys_of_kind(draft: Draft) -> Iterator[Problem]:
     own = draft.cooling
     for kind, key in KEY_OF.items():
         given = getattr(own, key) is not None
@@ -78,7 +78,7 @@ def _star(draft: Draft) -> Iterator[Problem]:
 
 
 def _passive_temperature(draft: Draft) -> Iterator[Problem]:
-    """Yield problems of the passive disc, whose temperature [cooling] or gas.eos has to give."""
+    """Yield problems of the temperature of the passive disc, which [cooling] or gas.eos must define."""
     own, gas = draft.cooling, draft.gas
     if not gas or not draft.eos.holds_heat or own.aspect_ratio is not None or gas.eos.aspect_ratio is not None:
         return
@@ -93,7 +93,7 @@ def _passive_temperature(draft: Draft) -> Iterator[Problem]:
             yield ("cooling", key), "used only with an aspect_ratio, here or in gas.eos; expected aspect_ratio too"
 
 
-def _physical_units(draft: Draft) -> Iterator[Problem]:
+def _needs_physical_units(draft: Draft) -> Iterator[Problem]:
     if draft.cooling.kind == "radiative" and draft.in_code_units:
         wrong = "radiative cooling needs temperatures, which do not exist in code units"
         yield ("cooling", "kind"), f'{wrong}; expected units.system = "physical", or kind = "beta" or "constant"'
@@ -101,7 +101,7 @@ def _physical_units(draft: Draft) -> Iterator[Problem]:
 
 class Effect(base.Effect):
     keys = Keys
-    rules = (_heat_to_lose, _key_of_the_kind, _star, _passive_temperature, _physical_units)
+    rules = (_needs_energy_equation, _keys_of_kind, _star, _passive_temperature, _needs_physical_units)
 
     def __init__(self, scene: Scene, state: State) -> None:
         own = scene.cooling
@@ -117,10 +117,9 @@ class Effect(base.Effect):
         return NANOSECONDS[scene.cooling.kind] * counts.gas
 
     def cooled(self, gas: Gas, dt: float) -> np.ndarray:
-        """Return energies (n,) of the gas at its present positions, after dt of cooling and of heating at its
-        `kick_rate`.
+        """Return the specific energies (n,) of the gas after dt of cooling, and of heating at the rate `kick_rate`.
 
-        The energy of immobile gas does not change.
+        Positions do not change. The energy of immobile gas does not change either.
         """
         if dt == 0.0:
             return gas.u.copy()

@@ -1,11 +1,11 @@
-"""Wave damping at the edges: in zones velocities relax to local equilibrium, dv/dt = -(v - v*(r)) R(r), exactly at
-any dt.
+"""Wave damping in zones at the edges of a disc: dv/dt = -(v - v*(r)) R(r), solved exactly at any step.
 
 R = x^2 / tau (de Val-Borro et al. 2006, sec. 3.2). x rises from 0 at the end of a zone that faces the disc to 1 at its
-far end, and tau is `time` orbits at the far end. v* is the velocity of the start at each radius: its balance for gas,
-its drift for dust. A start that has none (a snapshot, own particles) gives the mean over azimuth of its particles.
+far end, and tau is `time` orbits at the far end. v*(r) is the initial velocity at radius r: the rotation in balance of
+the gas, and the drift of the dust. If the start defines neither (a snapshot, own particles), v*(r) is the initial
+velocity of the particles, averaged over azimuth.
 
-The ledger records the momentum and angular momentum that damping removes. Damping limits no step.
+The ledger records the momentum and angular momentum that damping removes. Damping sets no time-step limit.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ if TYPE_CHECKING:
     from discsim.scene import Scene
 
 kernels = Lazy("discsim.kernels.common.damping")
-DAMPED = 12.0  # CPU nanoseconds in a step, per particle
-NODES, BEYOND = 4096, 8.0  # nodes of the table in ln r, and the factor in r by which it extends beyond the zones
-NONE = np.zeros(0, np.int64)
+PARTICLE_COST = 12.0  # CPU nanoseconds in a step, per particle
+NODES, BEYOND = 4096, 8.0  # number of nodes of the table of v* in ln r, and factor in r of its margin beyond the zones
+NO_SPECIES = np.zeros(0, np.int64)
 
 
 def _zones(draft: Draft) -> Iterator[Problem]:
@@ -47,7 +47,7 @@ def _zones(draft: Draft) -> Iterator[Problem]:
             yield ("damping", key), "the two radii are not increasing; expected [from, to] with 0 < from < to"
 
 
-def _about_a_star(draft: Draft) -> Iterator[Problem]:
+def _needs_star(draft: Draft) -> Iterator[Problem]:
     if not draft.has("star"):
         yield (
             ("damping",),
@@ -59,7 +59,7 @@ def _about_a_star(draft: Draft) -> Iterator[Problem]:
 
 class Effect(base.Effect):
     keys = Keys
-    rules = (_zones, _about_a_star)
+    rules = (_zones, _needs_star)
     from_start = ("zones",)
 
     def __init__(self, scene: Scene, state: State) -> None:
@@ -67,7 +67,7 @@ class Effect(base.Effect):
 
     @classmethod
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
-        return DAMPED * (counts.gas + counts.dust)
+        return PARTICLE_COST * (counts.gas + counts.dust)
 
     @classmethod
     def report(cls, scene: Scene, at: Local) -> base.Report:
@@ -95,13 +95,11 @@ class Effect(base.Effect):
             (NODES - 1) / (last - first),
             balance.tabulated(state, dict(effects), radius) / circles[:, None],
             *state.central,
-            self._in_drift(state),
+            self._pull_in_drift(state),
         )
 
-    def _in_drift(self, state: State) -> np.ndarray:
-        """Return the share (kinds,) of the star's pull that the drift contains: for the gas, then for each population
-        of dust.
-        """
+    def _pull_in_drift(self, state: State) -> np.ndarray:
+        """Return the fractions of the star's pull that act in the drift: for the gas, then for each dust population."""
         found = []
         for name in state.species:
             masses = masses_in_drift(self.scene, name)
@@ -117,7 +115,7 @@ class Effect(base.Effect):
         zones = self.zones._replace(star=state.central_mass)  # a growing star speeds up circular orbits
         for name, p in state.species.items():
             kind = 0 if name == "gas" else int(state.gas is not None)
-            species = NONE if name == "gas" else p.species  # type: ignore[attr-defined]
+            species = NO_SPECIES if name == "gas" else p.species  # type: ignore[attr-defined]
             given = p.pos, p.vel, p.mass, species, kind, self.centre(state), zones, ahead, dt
             lost = rounded(sum(parallel_for(kernels.relax, p.count, *given)))
             state.ledger.damped_momentum += lost[:2]

@@ -1,8 +1,9 @@
-"""Drag between gas and dust: dv/dt = a_g + eps (u - v) / t_stop, du/dt = a_d + (v - u) / t_stop, solved together.
+"""Drag between gas and dust: dv/dt = a_g + eps (u - v) / t_stop, du/dt = a_d + (v - u) / t_stop.
 
-In a scene with drag this effect is the kick. The relaxation is solved with the accelerations inside, so the slip is
-right at any step. Schemes are in `discsim/drag`, laws in `formulas/laws.py`. Two-way drag of an explicit scheme
-limits the step to about t_stop / max(1, eps). All other drag limits no step.
+v and u are the velocities of gas and dust, and eps is the dust-to-gas ratio. In a scene with drag, this effect makes
+the whole kick: accelerations and drag are solved together, so that the slip u - v is right at any step. Schemes are in
+`discsim/drag`, laws of the stopping time in `formulas/laws.py`. Two-way drag of an explicit scheme limits the step to
+about t_stop / max(1, eps). All other drag sets no limit.
 """
 
 from __future__ import annotations
@@ -42,12 +43,12 @@ OF_CELLS = (
     "class_width",
     "heating",
     "integration",
-)  # keys that apply to SPH gas only
+)  # keys that apply only to SPH gas
 
-OF_A_CLASS = 0.12  # additional cost of each further class of grains, in costs of a kick
+COST_OF_CLASS = 0.12  # additional cost of each further class of grains, as a fraction of the cost of a kick
 
 
-def _partners(draft: Draft) -> Iterator[Problem]:
+def _needs_gas_and_dust(draft: Draft) -> Iterator[Problem]:
     for table in ("gas", "dust"):
         if not draft.has(table) and not (table == "gas" and draft.has("background")):
             also = " or [background]" if table == "gas" else ""
@@ -55,7 +56,7 @@ def _partners(draft: Draft) -> Iterator[Problem]:
 
 
 def _width_of_classes(draft: Draft) -> Iterator[Problem]:
-    """Yield a problem of drag.class_width if no grains have sizes of their own."""
+    """Yield a problem of drag.class_width if all grains of each population have the same size."""
     grows = draft.has("growth")
     if draft.gives("drag", "class_width") and not grows and not any(map(has_sizes, draft.dust or ())):
         yield (
@@ -65,7 +66,7 @@ def _width_of_classes(draft: Draft) -> Iterator[Problem]:
         )
 
 
-def _words(laws: list[str]) -> str:
+def _names(laws: list[str]) -> str:
     """Return names in quotes, joined by "or"."""
     return " or ".join(f'"{name}"' for name in laws)
 
@@ -80,13 +81,13 @@ def _keys_of_the_law(draft: Draft) -> Iterator[Problem]:
         elif law not in laws and given:
             yield (
                 ("drag", key),
-                f'used only by law {_words(laws)}, but drag.law is "{law}"; expected another law, or this key left out',
+                f'used only by law {_names(laws)}, but drag.law is "{law}"; expected another law, or this key left out',
             )
     if draft.drag.supersonic and not LAWS[law].of_grains:
-        words = _words([name for name in LAWS if LAWS[name].of_grains])
+        words = _names([name for name in LAWS if LAWS[name].of_grains])
         yield ("drag", "supersonic"), f'law "{law}" has no supersonic correction; expected law {words}, or false'
     if draft.drag.mean_free_column is not None and not LAWS[law].by_column:
-        words = _words([name for name in LAWS if LAWS[name].by_column])
+        words = _names([name for name in LAWS if LAWS[name].by_column])
         yield ("drag", "mean_free_column"), f'not used by law "{law}"; expected law {words}, or this key left out'
 
 
@@ -103,7 +104,7 @@ def _keys_of_the_scheme(draft: Draft) -> Iterator[Problem]:
                 yield ("drag", key), f'scheme "{scheme}" has {why}; remove this key'
 
 
-def _one_cell(draft: Draft) -> Iterator[Problem]:
+def _one_cell_size(draft: Draft) -> Iterator[Problem]:
     if draft.drag.cell is not None and draft.drag.cell_length is not None:
         yield ("drag", "cell_length"), "drag.cell is also given; expected only one of the two"
 
@@ -117,13 +118,13 @@ def _heating(draft: Draft) -> Iterator[Problem]:
         yield ("drag", "heating"), "one-way drag does not act on the gas; expected false"
 
 
-CELLS = "drag.cells"  # the operator that finds them
+CELLS = "drag.cells"  # name of the operator that builds the drag cells
 
 
 class Effect(base.KickEffect):
     keys = Keys
     role = base.Role(kicks=True, grid=True, lists_schemes=True)
-    rules = (_partners, _keys_of_the_law, _keys_of_the_scheme, _width_of_classes, _one_cell, _heating)
+    rules = (_needs_gas_and_dust, _keys_of_the_law, _keys_of_the_scheme, _width_of_classes, _one_cell_size, _heating)
 
     def __init__(self, scene: Scene, state: State) -> None:
         self.drag, self.state = scene.drag, state
@@ -134,7 +135,7 @@ class Effect(base.KickEffect):
 
     @classmethod
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
-        more = 1.0 + OF_A_CLASS * (classes_of(scene) - 1)
+        more = 1.0 + COST_OF_CLASS * (classes_of(scene) - 1)
         return SCHEMES[scene.drag.scheme].nanoseconds * more * (counts.gas + counts.dust)
 
     @classmethod
@@ -157,9 +158,10 @@ class Effect(base.KickEffect):
     def stopping_time(
         self, population: int, density: np.ndarray, sound: np.ndarray, omega: np.ndarray, ratio: float
     ) -> np.ndarray:
-        """Return stopping times (n,) of a population in gas of given density, thermal speed and Omega, (n,) each.
+        """Return the stopping times (n,) of a population at zero slip.
 
-        ratio: dust-to-gas mass ratio of the population.
+        density, sound, omega (n,): density, thermal speed and orbital frequency of the gas. ratio: dust-to-gas mass
+        ratio of the population.
         """
         return self.law.stopping_time(population, density, sound, omega, ratio)
 
@@ -170,21 +172,19 @@ class Effect(base.KickEffect):
 
     @property
     def uncoupled(self) -> float:
-        """Share of the dust mass in enlarged cells or without gas, at the last kick."""
+        """Fraction of the dust mass without gas, or in a cell enlarged for lack of particles, at the last kick."""
         return self.engine.uncoupled_share(self.state.dust)
 
     def find_cells(self, view: base.View) -> tuple[Any, np.ndarray] | None:
-        """Return the cells of the next kick, and the velocities of the gas before it."""
-        # About another centre than the origin the kick shifts positions, which other threads read at the same time.
+        """Return the drag cells of the next kick and the present gas velocities; None if the kick builds the cells."""
+        # About a centre other than the origin, building cells shifts positions, which other threads read at this time.
         if self.engine.scheme.build is None or view.centre is not None or not _both_present(view):
             return None
         return self.engine.prepare(view), copied(view.gas.vel)
 
     @classmethod
     def expected_limit(cls, scene: Scene, outlook: Outlook) -> Expected:
-        """Estimate the limit of an explicit scheme: the shortest stopping time, divided by the dust-to-gas ratio if
-        above 1.
-        """
+        """Estimate the limit of an explicit scheme: the shortest t_stop / max(1, eps)."""
         at, drag = outlook.at, scene.drag
         if not SCHEMES[drag.scheme].explicit or drag.direction == "one-way" or not scene.gas:
             return Expected()
@@ -230,10 +230,10 @@ class Effect(base.KickEffect):
             gas.vel[gas.immobile] = before[gas.immobile]
 
     def current_stopping_times(self, state: State) -> np.ndarray:
-        """Return the stopping times of the dust at its present positions (n,), inf without gas. Velocities do not
-        change.
+        """Return the stopping times (n,) of the dust at its present positions, inf without gas.
 
-        The times of the last kick are returned if nothing has moved since and they do not depend on velocities.
+        The velocities of the state do not change. Stopping times of the last kick are reused if no particle has moved
+        since and they do not depend on velocities.
         """
         gas, dust = state.gas, state.dust
         if self._kicked == (state.step, state.time) and not self.law.nonlinear:

@@ -1,4 +1,7 @@
-"""Collisionless dust: dx/dt = v, dv/dt = a; one or several populations of particles, each of one grain size or many."""
+"""Collisionless dust: dx/dt = v, dv/dt = a.
+
+Dust has one or several populations of particles. The grains of a population have one size, or a size distribution.
+"""
 
 from __future__ import annotations
 
@@ -18,10 +21,10 @@ if TYPE_CHECKING:
 
 moves = Lazy("discsim.kernels.common.move")
 
-MOVED = 2.0  # CPU nanoseconds in a step, per particle
+GRAIN_COST = 2.0  # CPU nanoseconds in a step, per particle
 
 
-def _within_radii(draft: Draft) -> Iterator[Problem]:
+def _inner_and_outer(draft: Draft) -> Iterator[Problem]:
     for i, dust in enumerate(draft.dust or ()):
         for key in ("inner", "outer"):
             if draft.start and not draft.start.edges and getattr(dust, key) is not None:
@@ -35,9 +38,7 @@ def _within_radii(draft: Draft) -> Iterator[Problem]:
 
 
 def _sizes(draft: Draft) -> Iterator[Problem]:
-    """Yield problems of grains of many sizes, which need a law that depends on the size and a drag scheme for many
-    sizes.
-    """
+    """Yield problems of size distributions, which need a drag law and a drag scheme that depend on the size."""
     for i, dust in enumerate(draft.dust or ()):
         sizes, where = dust.grain_size, ("dust", i, "grain_size")
         if not isinstance(sizes, Sizes):
@@ -59,7 +60,7 @@ def _sizes(draft: Draft) -> Iterator[Problem]:
 
 class Effect(base.Effect):
     keys = Keys
-    rules = (_within_radii, _sizes)
+    rules = (_inner_and_outer, _sizes)
     role = base.Role(several=True)
 
     def __init__(self, scene: Scene, state: State) -> None:
@@ -68,7 +69,7 @@ class Effect(base.Effect):
 
     @classmethod
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
-        return MOVED * counts.dust
+        return GRAIN_COST * counts.dust
 
     def operators(self, state: State) -> list[base.Operator]:
         of = base.Slot

@@ -1,19 +1,19 @@
 """Turbulent diffusion of dust: dx = (grad D + D grad ln Sigma_g) dt + sqrt(2 D dt) xi, D = alpha c_s H / (1 + St^2).
 
-The grains make a random walk, and their density obeys d Sigma_d/dt = div [D Sigma_g grad(Sigma_d / Sigma_g)] (Ciesla
-2010; Zsom et al. 2011). Without drift the walk ends with the same Sigma_d / Sigma_g everywhere. alpha is a number, or
-that of [alpha_viscosity] with its dead zone. St is that of each grain's drag at the last kick (Youdin & Lithwick
-2007). A given D is the diffusivity of the grains at any St. In one dimension Sigma is the density, and Omega is
-`external.vertical_frequency`.
+xi is a random vector. The grains make a random walk, and their surface density obeys
+d Sigma_d/dt = div [D Sigma_g grad(Sigma_d / Sigma_g)] (Ciesla 2010; Zsom et al. 2011). Without drift the walk leads to
+the same Sigma_d / Sigma_g everywhere. alpha is `dust_diffusion.alpha`, or the alpha of [alpha_viscosity] with its dead
+zone. The Stokes number St of each grain is that of the last kick (Youdin & Lithwick 2007). The key D sets the
+diffusivity of the grains at any St. In one dimension Sigma is the density, and Omega is `external.vertical_frequency`.
 
-Each grain walks once a step, after its move. xi depends on the seed, the grain's id and the step
-(`kernels/common/philox.py`). Where sqrt(2 D dt) exceeds h/2 (H/6 in a given disc) the walk takes shorter steps. It
-limits no step of the run.
+Each grain walks once a step, after its drift. xi depends on the seed, the id of the grain and the step number
+(`kernels/common/philox.py`). The walk is split into substeps if sqrt(2 D dt) exceeds h/2 (H/6 in a given disc). It
+sets no time-step limit.
 
-The walk keeps velocities, and so momentum. About a star it keeps velocities relative to the circular orbit at each
-position (`kernels/dust/diffusion.py`), which changes the angular momentum of a grain. With two-way drag the gas about
-the middle of the grain's way loses what the grain gains. Turbulence then makes no angular momentum, and gas moves
-against the diffusing dust. With one-way drag the turbulence supplies the angular momentum.
+The walk conserves velocities, and so momentum. About a star it conserves velocities relative to the circular orbit at
+each position (`kernels/dust/diffusion.py`), which changes the angular momentum of a grain. With two-way drag, the gas
+near the middle of the grain's path loses the angular momentum that the grain gains. The total angular momentum is then
+conserved, and gas moves against the diffusing dust. With one-way drag, turbulence supplies the angular momentum.
 """
 
 from __future__ import annotations
@@ -48,9 +48,9 @@ neighbours = Lazy("discsim.numerics.neighbours")
 meeting = Lazy("discsim.numerics.meeting")
 smoothing = Lazy("discsim.numerics.sph")
 
-WALKED, PAIR = 250.0, 7.5  # CPU nanoseconds in a step: per grain, and per gas neighbour of a grain and pass
-REACH = 0.5  # largest sqrt(2 D dt) of a step of the walk, in lengths over which the gas changes
-MOST, MANY = 2000, 10  # steps of the walk within one of the run: the maximum, and the maximum without a warning
+GRAIN_COST, PAIR_COST = 250.0, 7.5  # CPU nanoseconds in a step: per grain, and per gas neighbour of a grain and pass
+LONGEST_WALK = 0.5  # largest sqrt(2 D dt) of a substep, in units of the length over which the gas changes
+MOST_SUBSTEPS, MANY_SUBSTEPS = 2000, 10  # largest number of substeps in a step, and largest one without a warning
 WALK = 0xD1FF  # part of the generator's key that no other random number of a run shares
 
 
@@ -66,7 +66,7 @@ class Keys(Table):
 
 
 def _one_strength(draft: Draft) -> Iterator[Problem]:
-    """Yield problems of a scene with no strength of the turbulence, or two."""
+    """Yield problems of a scene that defines no strength of the turbulence, or two."""
     own = draft.dust_diffusion
     if own.alpha is not None and own.D is not None:
         yield ("dust_diffusion", "D"), "alpha is also given; expected only one of the two"
@@ -77,7 +77,7 @@ def _one_strength(draft: Draft) -> Iterator[Problem]:
         )
 
 
-def _moves_by_particles(draft: Draft) -> Iterator[Problem]:
+def _needs_dust_particles(draft: Draft) -> Iterator[Problem]:
     """Yield problems of a scene without dust particles."""
     if not draft.has("dust"):
         yield ("dust_diffusion",), "dust diffusion needs dust; expected a table [dust] too"
@@ -88,7 +88,7 @@ def _moves_by_particles(draft: Draft) -> Iterator[Problem]:
         )
 
 
-def _stirred_by_gas(draft: Draft) -> Iterator[Problem]:
+def _needs_gas(draft: Draft) -> Iterator[Problem]:
     """Yield problems of a scene that derives D from the gas and lacks gas, drag or orbits."""
     if draft.dust_diffusion.D is not None or not draft.has("dust"):
         return
@@ -107,14 +107,14 @@ def _stirred_by_gas(draft: Draft) -> Iterator[Problem]:
 
 class Effect(base.Effect):
     keys = Keys
-    rules = (_one_strength, _moves_by_particles, _stirred_by_gas)
+    rules = (_one_strength, _needs_dust_particles, _needs_gas)
 
     def __init__(self, scene: Scene, state: State) -> None:
         self.scene, self.dim = scene, scene.space.dimensions
         given = diffusion.constant(scene)
         self.constant = 0.0 if given is None else given
         self.table = diffusion.alpha_table(scene)
-        self.inert = scene.table("dust_diffusion").D is None
+        self.uses_stokes = scene.table("dust_diffusion").D is None
         self.key = philox.key_of(scene.run.seed, WALK)
         self.sph = smoothing.Sph(scene) if scene.gas else None
         self.drag: Any = None
@@ -143,9 +143,9 @@ class Effect(base.Effect):
             return
         dt = scene.run.timestep or scene.run.courant * at.step
         for strength, _ in diffusion.at_places(scene, at):
-            steps = 2.0 * strength * dt / (REACH * at.resolution) ** 2
+            steps = 2.0 * strength * dt / (LONGEST_WALK * at.resolution) ** 2
             worst = int(np.argmax(steps))
-            if steps[worst] > MANY:
+            if steps[worst] > MANY_SUBSTEPS:
                 key = "D" if scene.table("dust_diffusion").D is not None else "alpha"
                 yield (
                     f"dust diffusion needs about {steps[worst]:.3g} substeps per time step {at.where(worst)}, each of "
@@ -157,7 +157,7 @@ class Effect(base.Effect):
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
         about = SMOOTHING[scene.gas.kernel].neighbours(scene.gas.eta) if scene.gas else 0.0
         passes = 3 if scene.gas and scene.star and scene.drag and scene.drag.direction == "two-way" else 1
-        return counts.dust * (WALKED + passes * PAIR * about)
+        return counts.dust * (GRAIN_COST + passes * PAIR_COST * about)
 
     def operators(self, state: State) -> list[base.Operator]:
         return [base.Operator("dust_diffusion.walk", base.Slot.MOVE, self.move)]
@@ -168,10 +168,10 @@ class Effect(base.Effect):
             return
         norm, strength = np.empty((2, dust.count))
         drift, centre = np.empty_like(dust.pos), self._centre(state)
-        times = self.drag.stopping_times if self.inert else norm
+        times = self.drag.stopping_times if self.uses_stokes else norm
         row, stirring = self._turbulence(state)
         done, steps, count = 0, 1, state.step + state.earlier
-        gas = _Surroundings(self, state)
+        gas = _GasSampler(self, state)
         while done < steps:
             field = gas.about(dust.pos)
             steepest = max(
@@ -181,25 +181,26 @@ class Effect(base.Effect):
                 )
             )  # fmt: skip
             if done == 0:
-                steps = _steps(2.0 * float(world.processes.most(steepest)) * dt / REACH**2)
+                steps = _substeps(2.0 * float(world.processes.most(steepest)) * dt / LONGEST_WALK**2)
             if dust.immobile is not None:
                 strength[dust.immobile] = 0.0
-            self._walk(state, gas, field, (strength, drift), dt / steps, state.lag + dt, count * MOST + done)
+            self._walk(state, gas, field, (strength, drift), dt / steps, state.lag + dt, count * MOST_SUBSTEPS + done)
             done += 1
 
     def _walk(
         self,
         state: State,
-        gas: _Surroundings,
+        gas: _GasSampler,
         field: np.ndarray,
         found: tuple[np.ndarray, np.ndarray],
         dt: float,
         lag: float,
         step: int,
     ) -> None:
-        """Make one step of the walk and give its recoil to the gas; velocities are `lag` behind positions.
+        """Make one substep of the walk over dt, and subtract the gained angular momentum from the gas.
 
-        found: strengths (n,) and drifts (n, d) of the walk. field: columns of `_Surroundings.about`.
+        field: gas at the grains, from `_GasSampler.about`. found: strength (n,) and drift (n, d) of the walk. lag:
+        time by which velocities are behind positions. step: number for the random vectors.
         """
         dust, centre, star = state.dust, self._centre(state), state.central
         lag = 0.0 if velocities_turn(self.scene) else lag
@@ -213,18 +214,19 @@ class Effect(base.Effect):
         if self.scene.space.boundary == "periodic":
             parallel_for(moves.wrap, dust.count, dust.pos, np.array(self.scene.space.size))
         if two_way:
-            gas.lose(gained * dust.mass, before, dust.pos, field[:, kernels.DENSITY], centre)
+            gas.subtract_angular_momentum(gained * dust.mass, before, dust.pos, field[:, kernels.DENSITY], centre)
 
     def _turbulence(self, state: State) -> tuple[np.ndarray, Any]:
-        """Return the index (n,) of each grain's row of law parameters, and the parameters of turbulence for the
-        kernels.
+        """Return (row, turbulence) for the kernels.
+
+        row (n,): index of each grain's law parameters in `turbulence`. turbulence: parameters of turbulence and law.
         """
-        law, dust = self.drag.law if self.inert else None, state.dust
+        law, dust = self.drag.law if self.uses_stokes else None, state.dust
         row, grains = dust.species, law.grains if law else np.empty((0, 5))
         if law and dust.size is not None:
             row, grains = np.arange(dust.count), law.rows(dust.species, dust.size)
         return row, kernels.Turbulence(
-            *self.table, self.constant, self.inert, *state.central, diffusion.frequency(self.scene),
+            *self.table, self.constant, self.uses_stokes, *state.central, diffusion.frequency(self.scene),
             law.code if law else 0, grains,
         )  # fmt: skip
 
@@ -234,15 +236,15 @@ class Effect(base.Effect):
         return np.zeros(4) if centre is None else np.concatenate(centre)
 
 
-class _Surroundings:
-    """Gas at the positions of grains: sums over gas particles, a given disc, or none."""
+class _GasSampler:
+    """Sampler of the gas at the positions of grains, from gas particles, a given disc, or uniform gas."""
 
     def __init__(self, effect: Effect, state: State) -> None:
         self.effect, self.state = effect, state
         self.gas = meeting.Surroundings(effect.sph, state.gas) if effect.sph is not None else None
 
     def about(self, pos: np.ndarray) -> np.ndarray:
-        """Return columns (n, 3 + 2 d) of the gas at positions (n, d), in the order of `kernels/dust/diffusion.py`."""
+        """Return gas properties (n, 3 + 2 d) at positions (n, d), in the order of `kernels/dust/diffusion.py`."""
         effect, state, columns = self.effect, self.state, 3 + 2 * self.effect.dim
         if effect.sph is None:
             field = np.zeros((len(pos), columns))
@@ -261,13 +263,14 @@ class _Surroundings:
         )  # fmt: skip
         return field[met.grains.own]
 
-    def lose(
+    def subtract_angular_momentum(
         self, given: np.ndarray, start: np.ndarray, end: np.ndarray, density: np.ndarray, centre: np.ndarray
     ) -> None:
-        """Subtract from the gas the angular momenta (n,) that grains were `given`.
+        """Subtract from the gas the angular momenta `given` (n,) that grains gained in a substep.
 
-        The gas at the middle of a grain's way from `start` to `end`, (n, d) each, loses it. Where there is none, the
-        gas at the start of the way loses it, which has the `density` (n,) there.
+        start, end (n, d): positions of the grains before and after the substep. Gas near the middle of both loses the
+        angular momentum; if there is none, gas near `start`. density (n,): density of the gas at `start`. centre (4,):
+        position and velocity of the disc's centre.
         """
         effect, gas = self.effect, self.state.gas
         middle = 0.5 * (start + end)
@@ -283,11 +286,11 @@ class _Surroundings:
         gas.vel[:] = vel[met.gas.own]
 
 
-def _steps(wanted: float) -> int:
-    """Return the number of steps of the walk within one of the run. Raises FloatingPointError above MOST."""
-    if not wanted <= MOST:
+def _substeps(wanted: float) -> int:
+    """Return the number of substeps, `wanted` rounded up. Raises FloatingPointError above MOST_SUBSTEPS."""
+    if not wanted <= MOST_SUBSTEPS:
         raise FloatingPointError(
             f"dust_diffusion would need {wanted:.2g} substeps per time step, each over half the length scale of "
-            f"the gas; expected a smaller diffusivity, or a run.timestep with at most {MOST} substeps"
+            f"the gas; expected a smaller diffusivity, or a run.timestep with at most {MOST_SUBSTEPS} substeps"
         )
     return max(1, math.ceil(wanted))

@@ -1,4 +1,4 @@
-"""Prescribed accelerations: a constant one for gas and one for dust, and -Omega_z^2 z towards the midplane on both."""
+"""Prescribed accelerations: constant ones of gas and of dust, and -Omega_z^2 z towards the midplane for both."""
 
 from __future__ import annotations
 

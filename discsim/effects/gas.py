@@ -1,8 +1,8 @@
-"""SPH gas: dv/dt = -grad P / rho, with optional artificial viscosity and conductivity; transport.
+"""SPH gas: dv/dt = -grad P / rho, with optional artificial viscosity and conductivity, and the motion of the particles.
 
-`kernels/sph/forces.py` has the density sum, adaptive h with grad-h terms and the conservative force, eqs. (1-5). Step
-limit: h / (c_s (1 + 1.2 alpha) + h (1 + 1.2 beta) max(0, -div v)) (after Monaghan 1992) and sqrt(h / |a|), where h is a
-third of that of kernel quintic-h.
+`kernels/sph/forces.py` has the equations: density sum, adaptive smoothing length h with grad-h terms, conservative
+force. The step limit is the smaller of h / (c_s (1 + 1.2 alpha) + h (1 + 1.2 beta) max(0, -div v)) (after Monaghan
+1992) and sqrt(h / |a|). For the kernel quintic-h, h in these limits is a third of the smoothing length.
 """
 
 from __future__ import annotations
@@ -40,7 +40,10 @@ sums = Lazy("discsim.numerics.sph")
 # CPU nanoseconds in a step: per particle, and per neighbour of a particle by the precision of the sums.
 PARTICLE, NEIGHBOUR = 300.0, {"double": 27.0, "single": 15.0}
 QUIETED = ("isothermal", "locally-isothermal")  # kinds of eos that allow quiet gas
-SLOPES, QUIET = 1.2, 150.0  # factor on NEIGHBOUR for reconstructed velocities; CPU nanoseconds per quiet particle
+RECONSTRUCTED, QUIET_COST = (
+    1.2,
+    150.0,
+)  # factor on NEIGHBOUR for reconstructed velocities; CPU nanoseconds per quiet particle
 
 
 def _fixed_smoothing(draft: Draft) -> Iterator[Problem]:
@@ -51,7 +54,7 @@ def _fixed_smoothing(draft: Draft) -> Iterator[Problem]:
         yield ("gas", "smoothing_length"), f"{times:.3g} times space.size; expected at most 2 times"
 
 
-def _neighbours(draft: Draft) -> Iterator[Problem]:
+def _too_few_neighbours(draft: Draft) -> Iterator[Problem]:
     if draft.gas.smoothing_length is not None:
         return
     kernel = SMOOTHING[draft.gas.kernel]
@@ -63,7 +66,7 @@ def _neighbours(draft: Draft) -> Iterator[Problem]:
 
 
 def _heat_to_conduct(draft: Draft) -> Iterator[Problem]:
-    """Yield a problem of conductivity in gas that holds no heat."""
+    """Yield a problem of conductivity in gas without an energy equation."""
     if draft.gas.conductivity and not draft.eos.holds_heat:
         words = " or ".join(f'"{kind}"' for kind, eos in EOS.items() if eos.holds_heat)
         yield (
@@ -72,10 +75,8 @@ def _heat_to_conduct(draft: Draft) -> Iterator[Problem]:
         )
 
 
-def _quiet(draft: Draft) -> Iterator[Problem]:
-    """Yield problems of quiet gas, which needs rings or a periodic plane, isothermal gas and reconstructed
-    velocities.
-    """
+def _needs_of_quiet(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of quiet gas. It needs a disc or a periodic plane, isothermal gas and reconstructed velocities."""
     gas, where = draft.gas, ("gas", "quiet")
     if gas.quiet is None:
         return
@@ -90,19 +91,20 @@ def _quiet(draft: Draft) -> Iterator[Problem]:
 
 
 def _switched_twice(draft: Draft) -> Iterator[Problem]:
-    """Yield a problem of a switch and reconstruction that both remove viscosity from shear."""
+    """Yield a problem of a viscosity switch and a reconstruction that both remove viscosity from shear."""
     viscosity = draft.gas.viscosity
     if viscosity and not viscosity.acts_in_shear and viscosity.switch != "none":
         twice = f'"{viscosity.switch}" removes viscosity from shear, and so does pairs = "{viscosity.pairs}"'
         yield ("gas", "viscosity", "switch"), f"{twice}; expected only one of the two"
 
 
-# Largest h/H. Sound, and viscosity in shear, need h/H below FINE. At the edge of a disc h/H is largest, and gas spreads
-# and falls in at any h. So a share EDGE of the gas may have a larger h/H, but not above COARSE.
-FINE, COARSE, EDGE = 0.5, 1.0, 0.1
+# Limits of h/H for a warning. Sound waves, and viscosity in shear, need h/H below FINE. h/H is largest at the edges of
+# a disc, where gas spreads and falls in at any resolution. A mass fraction AT_EDGES of the gas may therefore have h/H
+# above FINE, but no gas may have h/H above COARSE.
+FINE, COARSE, AT_EDGES = 0.5, 1.0, 0.1
 
 
-def _coarse(scene: Scene, at: Local) -> Iterator[str]:
+def _coarse_warnings(scene: Scene, at: Local) -> Iterator[str]:
     """Yield a warning of gas with a smoothing length too large for its scale height."""
     if at.resolution is None or at.scale_height is None:
         return
@@ -111,18 +113,18 @@ def _coarse(scene: Scene, at: Local) -> Iterator[str]:
     where = f"h/H = {ratio[worst]:.2g} {at.where(worst)}"
     by_mass, below = at.by_mass()
     coarse = 1.0 - float(np.interp(FINE, by_mass, below))
-    most = float(np.interp(1.0 - EDGE, below, by_mass))  # of all gas but the coarsest
+    most = float(np.interp(1.0 - AT_EDGES, below, by_mass))  # of all gas but the coarsest
     needed = scene.gas.particles * max(ratio[worst] / COARSE, most / FINE) ** 2
     if ratio[worst] > COARSE:
         yield f"{where}, above {COARSE:g}: raise gas.particles to about {needed:.2g}"
-    elif coarse > EDGE:
+    elif coarse > AT_EDGES:
         yield (
-            f"{where}, and above {FINE} for {coarse:.0%} of the gas, more than {EDGE:.0%}: "
+            f"{where}, and above {FINE} for {coarse:.0%} of the gas, more than {AT_EDGES:.0%}: "
             f"raise gas.particles to about {needed:.2g}"
         )
 
 
-def _long_step(scene: Scene, at: Local) -> Iterator[str]:
+def _long_step_warnings(scene: Scene, at: Local) -> Iterator[str]:
     """Yield a warning of a run.timestep beyond the step limit of the gas."""
     dt = scene.run.timestep
     if dt is None or at.step is None:
@@ -137,9 +139,9 @@ def _long_step(scene: Scene, at: Local) -> Iterator[str]:
         )
 
 
-# Largest -div v: of noise, in orbital frequencies of the innermost gas; of gas that gathers about a companion, in its
-# frequencies there; of a shock, in velocity jumps over h. Fitted to the steps of the setups
-# (`analysis/forecast_steps.py`, table in docs/cost.md).
+# Estimates of the largest -div v. NOISE: by particle noise, in orbital frequencies of the innermost gas. GATHERING: of
+# gas that collects about a companion, in the frequency of `companions.fastest_in_softening`. IN_SHOCKS: in a shock, in
+# units of (velocity jump) / h. Fitted to the steps of the setups (`analysis/forecast_steps.py`, table in docs/cost.md).
 NOISE, GATHERING, IN_SHOCKS = 0.15, 0.6, 0.2
 
 
@@ -148,7 +150,7 @@ DENSITY = "gas.density"  # the operator that computes it
 
 class Effect(base.Effect):
     keys = Keys
-    rules = (_fixed_smoothing, _neighbours, _heat_to_conduct, _switched_twice, _quiet)
+    rules = (_fixed_smoothing, _too_few_neighbours, _heat_to_conduct, _switched_twice, _needs_of_quiet)
 
     def __init__(self, scene: Scene, state: State) -> None:
         self.scene = scene
@@ -160,14 +162,14 @@ class Effect(base.Effect):
 
     @classmethod
     def report(cls, scene: Scene, at: Local) -> base.Report:
-        return base.Report(warnings=chain(_coarse(scene, at), _long_step(scene, at)))
+        return base.Report(warnings=chain(_coarse_warnings(scene, at), _long_step_warnings(scene, at)))
 
     @classmethod
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
         each, gas = NEIGHBOUR[scene.gas.precision], scene.gas
         if gas.viscosity is not None and not gas.viscosity.acts_in_shear:
-            each *= SLOPES
-        own = PARTICLE + (QUIET if gas.quiet is not None else 0.0)
+            each *= RECONSTRUCTED
+        own = PARTICLE + (QUIET_COST if gas.quiet is not None else 0.0)
         return counts.gas * (own + each * SMOOTHING[gas.kernel].neighbours(gas.eta))
 
     @classmethod
@@ -207,7 +209,7 @@ class Effect(base.Effect):
         ]
 
     def find_density(self, view: base.View) -> tuple[np.ndarray, np.ndarray | None] | None:
-        """Compute densities, and return velocity and energy at the time of the positions; None without gas."""
+        """Compute densities, and return velocity and energy as `predicted`; None if the run has no gas left."""
         gas = view.gas
         if gas.everywhere == 0:  # all gas is accreted
             return None
@@ -218,7 +220,7 @@ class Effect(base.Effect):
         return vel, u
 
     def accelerate(self, view: base.View) -> float:
-        """Add the forces, and return the step limit."""
+        """Add the accelerations by pressure and viscosity to `acc_unshared`, and return the step limit."""
         gas, predicted = view.gas, view.take(DENSITY)
         if predicted is None:
             return np.inf
@@ -245,7 +247,7 @@ class Effect(base.Effect):
         return limit
 
     def _pressure_and_sound_speed(self, view: base.View, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-        """Return pressure and sound speed, (n,) each, at the energies `u` (n,)."""
+        """Return pressure (n,) and sound speed (n,) of the gas; u (n,): specific energies, or None."""
         gas, pos = view.gas, view.from_centre(view.gas.pos)
         out, roots = (
             (alloc.allocate_like(gas.pressure), alloc.allocate_like(gas.sound_speed)),
@@ -266,11 +268,11 @@ class Effect(base.Effect):
         return out
 
     def predicted(self, state: State | base.View) -> tuple[np.ndarray, np.ndarray | None]:
-        """Return velocity (n, d) and energy (n,) at the time of the positions, which viscosity and pressure need.
+        """Return velocity (n, d) and specific energy (n,) at the time of the positions, for viscosity and pressure.
 
-        `vel` and `u` await their closing kick. The prediction uses the mean rates of the last kick, including drag
-        and its heat, which keeps the step second order. Cooling is predicted as the kick computes it. The energy of
-        gas that holds no heat is None.
+        `vel` and `u` of the gas are those before the closing kick of the step. They are extrapolated with the mean
+        rates of the last kick, including drag and its heat, which makes the step second order. Cooling is computed as
+        in the kick. The energy is None for gas without an energy equation.
         """
         gas = state.gas
         vel = gas.vel
@@ -280,7 +282,7 @@ class Effect(base.Effect):
         return vel, None if gas.u is None else _energy_after(state, state.lag)
 
     def viscous_acceleration(self, state: State) -> np.ndarray:
-        """Return the acceleration (n, d) by artificial viscosity and, with [alpha_viscosity], shear viscosity."""
+        """Return the acceleration (n, d) by artificial viscosity and, with [alpha_viscosity], by shear viscosity."""
         gas = state.gas.copy()
         gas.acc[:] = 0.0
         vel, u = self.predicted(state)
@@ -300,7 +302,7 @@ class Effect(base.Effect):
 
 
 def kick_gas(state: State, dt: float) -> None:
-    """Advance velocities and energies over dt at constant rates."""
+    """Advance velocities and energies of the gas over dt at constant rates."""
     gas = state.gas
     parallel_for(moves.add_scaled, gas.count, gas.vel, gas.acc, dt, light=True)
     if gas.kick_acc is not None:
@@ -311,7 +313,7 @@ def kick_gas(state: State, dt: float) -> None:
 
 
 def kick_energy(state: State, dt: float) -> None:
-    """Advance energies over dt at the rate `kick_rate`, and record what cooling gas has radiated."""
+    """Advance energies of the gas over dt at the rate `kick_rate`, and record the energy radiated by cooling."""
     gas = state.gas
     after = _energy_after(state, dt)
     if gas.radiated is not None:
@@ -320,6 +322,6 @@ def kick_energy(state: State, dt: float) -> None:
 
 
 def _energy_after(state: State | base.View, dt: float) -> np.ndarray:
-    """Return energies (n,) after dt at the rate `kick_rate`, with cooling."""
+    """Return the specific energies (n,) of the gas after dt of heating at the rate `kick_rate` and of cooling."""
     gas = state.gas
     return gas.u + dt * gas.kick_rate if state.cooled is None else state.cooled(gas, dt)

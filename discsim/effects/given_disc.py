@@ -1,9 +1,9 @@
-"""Gas as a given disc (`[background]`), with dust in one-way drag: no SPH, no cells, no grid.
+"""Prescribed gas disc (`[background]`) and one-way drag of dust in it, without SPH, drag cells or grid.
 
-Sigma and temperature are functions of the radius (`physics/given_disc.py`), and the gas turns in balance, Omega_g^2 r
-= GM r / (r^2 + s^2)^(3/2) + (1/Sigma) dP/dr. The kick relaxes each particle exactly to its steady drift there
-(`kernels/dust/background.py`), and limits no step. Dust moves with constant radial velocity and angular momentum (eq. 1
-there), so that circles stay circles.
+Sigma and temperature are functions of radius (`physics/given_disc.py`). The gas rotates in radial balance, Omega_g^2 r
+= GM r / (r^2 + s^2)^(3/2) + (1/Sigma) dP/dr, with the star's softening s. The kick integrates the relaxation of each
+particle to the steady drift at its position exactly, and sets no time-step limit. The drift keeps radial velocity and
+angular momentum constant, so that circular orbits stay circular. Equations are in `kernels/dust/background.py`.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ if TYPE_CHECKING:
     from discsim.scene import Scene
 
 kernels = Lazy("discsim.kernels.dust.background")
-KICKED = 150.0  # CPU nanoseconds in a step, per particle
+GRAIN_COST = 150.0  # CPU nanoseconds in a step, per particle
 
 
-def _alone_about_a_star(draft: Draft) -> Iterator[Problem]:
-    """Yield problems of a given disc with [gas], without dust, star or drag, or in an unsuitable space."""
+def _needs_of_background(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of a [background] with [gas], without dust, star or drag, or in an unsuitable space."""
     if draft.has("gas"):
         yield ("background",), "[gas] is also given; expected either [gas] (SPH) or [background] (prescribed disc)"
     for table, why in (
@@ -55,7 +55,7 @@ def _alone_about_a_star(draft: Draft) -> Iterator[Problem]:
 
 
 def _one_density(draft: Draft) -> Iterator[Problem]:
-    """Yield problems of a given disc with no density or two, and of columns that do not fit."""
+    """Yield problems of a [background] with no density or two, and of columns of its file that have no meaning."""
     given = draft.background
     if given.file is None and given.surface_density is None:
         yield ("background",), "no surface density is given; expected surface_density, or file"
@@ -75,11 +75,11 @@ def _one_density(draft: Draft) -> Iterator[Problem]:
 
 
 class Background(base.Effect):
-    """Table of the given disc, which configures the drag; the effect itself does nothing."""
+    """Effect of the table [background], which only configures drag and dust."""
 
     keys = Keys
     role = base.Role(table_only=True)
-    rules = (_alone_about_a_star, _one_density)
+    rules = (_needs_of_background, _one_density)
 
 
 class Dust(dust.Effect):
@@ -103,7 +103,7 @@ class Drag(base.KickEffect):
 
     @classmethod
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
-        return KICKED * counts.dust
+        return GRAIN_COST * counts.dust
 
     @classmethod
     def unused(cls, scene: Scene) -> tuple[str, ...]:
@@ -127,27 +127,31 @@ class Drag(base.KickEffect):
         return stopping_columns(state, self.current_stopping_times(state))
 
     def steady_drift(self, pos: np.ndarray, species: np.ndarray, size: np.ndarray | None = None) -> np.ndarray:
-        """Return velocities (n, 2) of the steady drift: the radial one, and the azimuthal one less Kepler's.
+        """Return the velocities (n, 2) of the steady drift: radial, and azimuthal relative to the Keplerian velocity.
 
-        pos (n, 2): positions. species (n,): populations. size (n,): grain sizes, if grains have sizes of their own.
-        The mass of the star is that at the start.
+        pos (n, 2): positions. species (n,): populations. size (n,): grain sizes, if they differ within a population.
+        The star has its initial mass.
         """
         out = np.empty_like(pos)
-        row, disc = self._of_grains(central_mass(self.scene), species, size)
+        row, disc = self._rows_and_disc(central_mass(self.scene), species, size)
         parallel_for(kernels.path_velocities, len(pos), pos, row, disc, out)
         return out
 
     def kernel_disc(self, central_mass: float) -> Any:
-        """Return the parameters of law, star and gas for the kernels; law and radiation pressure have a row per
-        population.
+        """Return the parameters of drag law, radiation pressure, star and gas for the kernels.
+
+        Those of drag law and radiation pressure have a row for each population.
         """
         law = self.law.code, self.law.grains, self.law.nonlinear, self.ratios, self.pull
         return kernels.Disc(*law, central_mass, self.star.softening, *self.gas)
 
-    def _of_grains(self, central_mass: float, species: np.ndarray, size: np.ndarray | None) -> tuple[np.ndarray, Any]:
-        """Return the index (n,) of each grain's row of parameters, and the parameters for the kernels.
+    def _rows_and_disc(
+        self, central_mass: float, species: np.ndarray, size: np.ndarray | None
+    ) -> tuple[np.ndarray, Any]:
+        """Return (row, disc) for the kernels.
 
-        A row belongs to a population or, where grains have sizes of their own, to a grain.
+        row (n,): index of each grain's parameters in `disc`. disc: result of `kernel_disc` with a row for each
+        population or, if grain sizes are given, for each grain.
         """
         disc = self.kernel_disc(central_mass)
         if size is None:
@@ -156,9 +160,9 @@ class Drag(base.KickEffect):
         return np.arange(len(size)), disc._replace(grains=grains, ratios=self.ratios[species], pull=self.pull[species])
 
     def _relax(self, state: State, vel: np.ndarray, dt: float) -> np.ndarray:
-        """Kick velocities `vel` (n, 2) in place over dt, and return the stopping times (n,)."""
+        """Kick the dust velocities `vel` (n, 2) in place over dt, and return the stopping times (n,)."""
         p = state.dust
         times = np.empty(p.count)
-        row, disc = self._of_grains(state.central_mass, p.species, p.size)
+        row, disc = self._rows_and_disc(state.central_mass, p.species, p.size)
         parallel_for(kernels.kick_dust, p.count, p.pos, vel, p.acc, row, disc, state.lag, dt, times)
         return times

@@ -1,16 +1,16 @@
 """Dust growth with two populations: da_r/dt = rho_d v_rel / rho_s, n(a) ~ a^-3.5 from a_min to a_r.
 
-The model is that of FEoSaD (Stoyanovskaya et al. 2017; Vorobyov et al. 2018, arXiv:1801.06898). Small dust, below
-a_*, moves with the gas: each gas particle carries a mass `small` of it. Grown dust is the particles of [dust], each
-with a size a_r of its own. Sizes grow along the paths of the grains up to the size at which they break
-(`formulas/growth.py` has the equations). With rising sizes small dust becomes grown dust such that n(a) is continuous
-at a_*; with falling sizes grown dust becomes small dust (`kernels/dust/growth.py` has the exchange).
+The model is that of FEoSaD (Stoyanovskaya et al. 2017; Vorobyov et al. 2018, arXiv:1801.06898); `formulas/growth.py`
+has the equations. Small dust, with sizes below a_*, moves with the gas: the array `small` is the mass of small dust
+that each gas particle carries. The particles of [dust] represent grown dust. Each has its own largest size a_r, which
+grows up to the size at which grains fragment. While a_r rises, small dust becomes grown dust such that n(a) is
+continuous at a_*; while it falls, grown dust becomes small dust (`kernels/dust/growth.py` has the exchange).
 
-Growth acts at the end of a step, once the fastest-growing grains may have grown by SHARE since the last time. Sizes
-advance in sub-steps with a relative error of 1e-10 each, so growth limits no step. In between, sizes and masses do
-not change. Exchanged mass keeps its velocity, and gas the sum of its energies. Mass and momentum are exact; angular
-momentum is exact where gas is on all sides of the grains. With one-way drag growth has no effect on the gas: small
-dust is then no part of `mass`.
+Growth is applied at the end of a step, if the fastest grains may have grown by the fraction GROWTH_STEP since its
+last application. Otherwise sizes and masses do not change. An application advances sizes in substeps with a relative
+error of 1e-10 each, so that growth sets no time-step limit. Exchanged mass keeps its velocity, and the total thermal
+energy of the gas does not change. Mass and momentum are conserved to rounding, and so is angular momentum if the
+grains have gas on all sides. With one-way drag, growth has no effect on the gas: `mass` then excludes small dust.
 """
 
 from __future__ import annotations
@@ -46,14 +46,17 @@ neighbours = Lazy("discsim.numerics.neighbours")
 meeting = Lazy("discsim.numerics.meeting")
 smoothing = Lazy("discsim.numerics.sph")
 
-SHARE = 0.03  # relative change of the fastest-growing size between two calls
-STEPS = 6  # typical number of steps from one call to the next
-GROWN, PAIR = 1000.0, 6.0  # CPU nanoseconds in a call: per grain, and per gas neighbour of a grain and pass
-PASSES = 4
+GROWTH_STEP = 0.03  # relative change of the fastest-growing size between two applications
+STEPS_BETWEEN_CALLS = 6  # typical number of steps between two applications
+GRAIN_COST, PAIR_COST = (
+    1000.0,
+    6.0,
+)  # CPU nanoseconds in an application: per grain, and per gas neighbour of a grain and pass
+PASSES = 4  # number of passes over the gas neighbours
 
 
-def _usual(length: str) -> BeforeValidator:
-    """Return a validator that gives a key a default length in scenes whose lengths have units."""
+def _default(length: str) -> BeforeValidator:
+    """Return a validator that gives a key the default `length` in scenes with physical units."""
 
     def fill(value: Any, info: ValidationInfo) -> Any:
         return length if value is None and units_of(info).system == "physical" else value
@@ -70,19 +73,19 @@ class Keys(Table):
     alpha: Annotated[Number | None, Default("same as alpha_viscosity")] = Field(
         None, ge=0, description="alpha of the turbulence that sets collision velocities and settling"
     )
-    small_size: Annotated[Length | None, _usual("1 um"), Default('"1 um"; required in code units')] = Field(
+    small_size: Annotated[Length | None, _default("1 um"), Default('"1 um"; required in code units')] = Field(
         None, gt=0, validate_default=True, description="a_*: size below which dust is small dust, carried by the gas"
     )
-    smallest: Annotated[Length | None, _usual("5e-3 um"), Default('"5e-3 um"; in code units small_size / 200')] = Field(
-        None, gt=0, validate_default=True, description="a_min in the size distribution n(a) ~ a^-3.5"
+    smallest: Annotated[Length | None, _default("5e-3 um"), Default('"5e-3 um"; in code units small_size / 200')] = (
+        Field(None, gt=0, validate_default=True, description="a_min in the size distribution n(a) ~ a^-3.5")
     )
     small_ratio: Annotated[Number | None, Default("dust.ratio: all dust")] = Field(
         None, ge=0, description="initial mass ratio of small dust to gas, included in dust.ratio"
     )
 
 
-def _who_grows(draft: Draft) -> Iterator[Problem]:
-    """Yield problems of a scene that lacks a table which growth needs."""
+def _needs_of_growth(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of a scene without the tables that growth needs."""
     here = ("growth",)
     if draft.has("background"):
         yield here, "growth needs gas particles to carry small dust, but [background] has none; expected [gas] instead"
@@ -152,8 +155,8 @@ def _of_grains(draft: Draft) -> Iterator[Problem]:
         )
 
 
-def _brings_masses(draft: Draft) -> Iterator[Problem]:
-    """Yield a problem of growth.small_ratio if the particles come with their small dust."""
+def _given_small_dust(draft: Draft) -> Iterator[Problem]:
+    """Yield a problem of growth.small_ratio if given particles already include their small dust."""
     if draft.growth.small_ratio is not None and (draft.start is None or draft.start.take_up):
         yield (
             ("growth", "small_ratio"),
@@ -163,13 +166,13 @@ def _brings_masses(draft: Draft) -> Iterator[Problem]:
 
 class Effect(base.Effect):
     keys = Keys
-    rules = (_who_grows, _sizes, _one_population, _of_grains, _brings_masses)
+    rules = (_needs_of_growth, _sizes, _one_population, _of_grains, _given_small_dust)
     from_start = ("grains",)
 
     def __init__(self, scene: Scene, state: State) -> None:
         self.scene = scene
         self.sph = smoothing.Sph(scene)
-        self.laden = growth.small_dust_in_mass(scene)
+        self.mass_includes_small = growth.small_dust_in_mass(scene)
         law, (dust,), own = SceneLaw(scene), scene.dust or (), scene.table("growth")
         all_dust = float(state.dust.mass.sum() + state.gas.small.sum())
         self.grains = kernels.Grains(
@@ -208,7 +211,7 @@ class Effect(base.Effect):
     @classmethod
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
         about = SMOOTHING[scene.gas.kernel].neighbours(scene.gas.eta) if scene.gas else 0.0
-        return counts.dust * (GROWN + PASSES * PAIR * about) / STEPS
+        return counts.dust * (GRAIN_COST + PASSES * PAIR_COST * about) / STEPS_BETWEEN_CALLS
 
     def operators(self, state: State) -> list[base.Operator]:
         return [
@@ -221,35 +224,36 @@ class Effect(base.Effect):
 
     def event(self, state: State) -> None:
         since, rate = state.pace
-        if since * rate >= SHARE and state.gas.everywhere > 0 and state.dust.everywhere > 0:
+        if since * rate >= GROWTH_STEP and state.gas.everywhere > 0 and state.dust.everywhere > 0:
             state.pace = Pace(rate=self._grow(state, since))
 
     def _grow(self, state: State, dt: float) -> float:
-        """Grow the grains over dt. Returns the fastest rate of change: of growth, or SHARE per orbit where growth is
-        slower.
+        """Apply growth over dt, and return the rate that determines the time of the next application.
+
+        The rate is the largest relative growth rate of a grain, at least GROWTH_STEP per orbit of the innermost grain.
         """
         dust = state.dust
         centre = np.zeros(2) if state.centre is None else state.centre[0]
         met = meeting.Surroundings(self.sph, state.gas).meet(dust.pos, dust.global_index)
-        field = self._about(state, met, centre)
+        field = self._surroundings(state, met, centre)
         about = field[met.grains.own]
         wanted = np.empty(dust.count)
         r = np.sqrt(((dust.pos - centre) ** 2).sum(axis=1))
         # The kernel skips grains at the centre of the star.
         omega = state.kepler_omega(r)
         alpha = growth.alpha(self.scene, r, about[:, kernels.SPEED2], omega)
-        dust.size = dust.size.copy()  # a new array, by which `Classes.sort` recognises changed sizes
+        dust.size = dust.size.copy()  # a new array tells `Classes.sort` that sizes have changed
         rates = parallel_for(
             kernels.grow, dust.count, dt, *state.central, dust.pos, centre, about, alpha,
             self.grains, dust.mass, dust.size, wanted,
         )  # fmt: skip
-        self._hand_over(state, met, field, wanted)
-        # Within an orbit the gas about a grain may change, however slowly the grain grows.
-        fastest = max(*rates, float(omega.max(initial=0.0)) * SHARE / (2.0 * math.pi))
+        self._exchange_mass(state, met, field, wanted)
+        # The gas around a slowly growing grain may change within an orbit.
+        fastest = max(*rates, float(omega.max(initial=0.0)) * GROWTH_STEP / (2.0 * math.pi))
         return float(world.processes.most(fastest))
 
-    def _about(self, state: State, met: Meeting, centre: np.ndarray) -> np.ndarray:
-        """Return columns (n, COLUMNS) of the surroundings of dust particles, local ones and ghosts."""
+    def _surroundings(self, state: State, met: Meeting, centre: np.ndarray) -> np.ndarray:
+        """Return properties (n, COLUMNS) of the gas and dust around each dust particle, local particles and ghosts."""
         gas, dust = state.gas, state.dust
         deposit, field = np.empty(len(met.pos)), np.empty((len(met.grain_pos), kernels.COLUMNS))
         parallel_for(
@@ -266,13 +270,16 @@ class Effect(base.Effect):
         return field
 
     def _carriers(self, state: State, met: Meeting) -> Any:
-        """Return the gas, local particles and ghosts, with the small dust that it carries."""
+        """Return the arrays of the gas that carries small dust, of local particles and ghosts."""
         gas = state.gas
-        mass = gas.mass - gas.small if self.laden else gas.mass
+        mass = gas.mass - gas.small if self.mass_includes_small else gas.mass
         return sums.Carriers(met.pos, *(met.gas.of(array) for array in (gas.vel, gas.h, mass, gas.small)))
 
-    def _hand_over(self, state: State, met: Meeting, field: np.ndarray, wanted: np.ndarray) -> None:
-        """Transfer the mass `wanted` (n,) to each dust particle, as far as the gas about it has small dust."""
+    def _exchange_mass(self, state: State, met: Meeting, field: np.ndarray, wanted: np.ndarray) -> None:
+        """Exchange mass between dust particles and the small dust of the gas around them.
+
+        wanted (n,): mass that each dust particle should gain, limited by the small dust of the gas around it.
+        """
         gas, dust, own = state.gas, state.dust, met.gas.own
         taken, spread = np.empty((2, len(met.pos)))
         got = np.empty((len(met.pos), 3))
@@ -293,7 +300,7 @@ class Effect(base.Effect):
         taken, got = taken[own], got[own]
         lost = gas.small * taken
         gas.small += got[:, 0] - lost
-        if not self.laden:
+        if not self.mass_includes_small:
             return
         after = gas.mass - lost + got[:, 0]
         gas.vel += (got[:, 1:] - (got[:, 0] - lost)[:, None] * gas.vel) / after[:, None]

@@ -1,4 +1,4 @@
-"""Models of the gas, and the effects that replace those of SPH particles in each model."""
+"""Models of the gas: SPH particles, a prescribed disc, or cells of a fixed grid."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class GasModel:
-    """Model of the gas. A scene without gas has the last model, SPH, too.
+    """Model of the gas. A scene without gas has the model SPH.
 
-    is_of: whether a scene has this model. stand_ins: for a table, the "module:object" of the effect that replaces the
-    one for particles. table: the table with the equation of state of the gas. given: the gas as functions of the
-    radius, for gas that nothing moves and that has no particles. cells: whether gas and dust are fluids on a fixed
-    grid, and their particles its cells.
+    is_of: return whether a scene has this model. stand_ins: for each table whose usual effect does not suit the model,
+    the "module:object" of the effect that replaces it. table: name of the table with the equation of state of the gas.
+    given: return the gas of a scene as functions of radius; only for prescribed gas, which has no particles. cells:
+    whether gas and dust are fluids on a fixed grid. Each entry of a particle array is then a grid cell.
     """
 
     is_of: Callable[[Scene], bool]

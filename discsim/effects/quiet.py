@@ -2,38 +2,42 @@
 
     d ln rho / dt = -div v + (ln rho_sum - ln rho) (1 / tau + 10 s c_s / h),   P = c_s^2 rho                (1)
     B    = c_s^2 Sigma(r) min(share, 1 - guard sigma) n^2 / (n^2 + 30^2)                                    (2)
-    pairs feel P - B, and each particle a = -grad B / rho from the centre of the disc                       (3)
+    forces of pairs use P - B, and each particle gets a = -grad B / rho as a radial push                    (3)
+
+rho_sum is the usual SPH density sum; share, guard and time are keys of gas.quiet; the other symbols are explained
+below.
 
 Shear changes the arrangement of particles. The conservative pressure force resists this change and moves particles,
-and viscosity turns the motion into heat. This acts like an alpha of about 0.004 at h/H = 0.5, which no viscosity
-causes. There are two causes: the noise of the summed density, and the part 2 P sum V grad W of the force. In a
-disordered arrangement this part does not vanish, even where P is uniform.
+and viscosity turns the motion into heat. This acts like a viscosity with alpha of about 0.004 at h/H = 0.5. There are
+two causes: the noise of the summed density, and the term 2 P sum V grad W of the force. In a disordered arrangement
+this term does not vanish, even if P is uniform.
 
-Eq. (1) removes the first cause. The density follows the flow, with div v of eq. (7) of `kernels/sph/forces.py`. It
-becomes the summed density within tau = time / Omega, and stays within a factor of 3 of it. Eq. (3) removes the second
-cause: the mean pressure B of a ring acts on the ring as a whole. Either alone leaves the noise.
+Eq. (1) removes the first cause. The density rho follows the flow, with div v of eq. (7) of `kernels/sph/forces.py`. It
+relaxes to the summed density within tau = time / Omega, and stays within a factor of 3 of it. Eqs. (2) and (3) remove
+the second cause: the mean pressure B of a ring acts on the ring as a whole. Noise stays unless both are removed.
 
-Rings are 0.4 H wide. Sigma, the number n of particles and the scatter sigma of ln(r P / c_s^2) are sums over
-particles. Each particle contributes to three rings (TSC), and sums are smoothed twice over neighbouring rings by 1/4,
-1/2, 1/4. B is a cubic spline between rings. Pairs with P < B are under tension and clump, so `guard` keeps B below
-the pressure of nearly all particles. s is 1 in shocks, which have no slopes (`kernels/quiet.py`), and falls behind
-them.
+Rings are 0.4 H wide. The surface density Sigma(r), the number n of particles and the scatter sigma of ln(r P / c_s^2)
+are sums over the particles of a ring. Each particle contributes to three rings (TSC weights), and the sums are smoothed
+twice over neighbouring rings with the weights 1/4, 1/2, 1/4. B is a cubic spline between rings. Pairs with P < B are
+under tension and clump, so `guard` keeps B below the pressure of nearly all particles. s is 1 in shocks, where no
+velocity gradient exists (`kernels/sph/quiet.py`), and decreases behind them.
 
-Densities of eq. (1) settle a few per cent below the mass of their ring, where summed densities of disordered
-particles are up to 25% above it. Drag and snapshots take a density with the mass of its ring, where the ring is even:
+Densities of eq. (1) settle a few per cent below Sigma of their ring, while summed densities of disordered particles are
+up to 25% above it. In rings with little scatter, drag and snapshots use a density rho' whose mean agrees with Sigma:
 
     rho' = rho (r Sigma(r) / exp<ln r rho>)^max(0, 1 - 4 sigma)                                             (4)
 
-The mean pressure of a periodic plane has no gradient. There the density is the summed one, and
+The mean pressure of a periodic plane has no gradient. The density of the plane is the summed one, and
 
-    pairs feel P - c_s^2 <Sigma> min(share, 1 - guard sigma)                                                (5)
+    forces of pairs use P - c_s^2 <Sigma> min(share, 1 - guard sigma)                                       (5)
 
 with the mean surface density and the scatter of all gas. A lattice of SPH particles resists shear like a crystal, by
-the same part of the force, and eq. (5) reduces this stiffness by `share`. With eq. (5) sound of kh = 0.56 is 2.6%
-slow, without it 3.7% fast.
+the term 2 P sum V grad W, and eq. (5) reduces this stiffness by the fraction `share`. Sound waves with kh = 0.56 are
+2.6% slow with eq. (5), and 3.7% fast without it.
 
-Forces of pairs conserve momentum and angular momentum, and the push of eq. (3) has no torque about the centre. Where
-bodies move, its small net force is subtracted from all gas, like a force on a rigid body, so that both are conserved.
+Forces of pairs conserve momentum and angular momentum, and the push of eq. (3) has no torque about the centre. If the
+star or companions can move, the small net force of the push is subtracted from all gas, like a force on a rigid body,
+so that momentum is conserved too.
 """
 
 from __future__ import annotations
@@ -61,17 +65,17 @@ if TYPE_CHECKING:
 Array = np.ndarray
 WIDTH = 0.4  # width of a ring in H
 SPARSE = 30.0  # number of particles in a ring at which B is half of its largest value, eq. (2)
-UNEVEN = 4.0  # the exponent of eq. (4) vanishes from a scatter of 1 / UNEVEN on
+UNEVEN = 4.0  # factor of the scatter in eq. (4): rho' = rho if the scatter is at least 1 / UNEVEN
 MOST_RINGS = 1 << 14
 TINY, FARTHEST = 1e-300, 200.0  # FARTHEST: largest |ln(r / reference)|, so that areas of rings are finite
-BITS = 61  # bits of integer sums, which are independent of the order
+BITS = 61  # bits of integer sums, which do not depend on the order of particles
 
 
 class Rings(NamedTuple):
-    """Means over rings, (count,) each.
+    """Properties of rings, arrays (count,).
 
-    radius, density: radius and surface density. number: number of particles. uneven: scatter of ln(r P / c_s^2).
-    lacking: ln(r density), from the mass of the ring, less the mean of ln(r P / c_s^2).
+    radius: radius. density: surface density, from the mass of the ring. number: number of particles. uneven: scatter
+    of ln(r P / c_s^2). lacking: ln(radius density) minus the mean of ln(r P / c_s^2).
     """
 
     radius: Array
@@ -82,14 +86,14 @@ class Rings(NamedTuple):
 
 
 class Box:
-    """Quiet gas of a periodic plane, eq. (5)."""
+    """Quiet gas in a periodic plane, eq. (5)."""
 
     def __init__(self, scene: Scene) -> None:
         self.keys, self.area = scene.gas.quiet, float(np.prod(scene.space.size))
 
     @contextmanager
     def pressure_of_pairs(self, state: View, sph: Sph) -> Iterator[Array]:
-        """Yield the pressure (n,) in the forces of pairs."""
+        """Return a context manager that yields the pressure (n,) for the SPH forces of pairs, eq. (5)."""
         gas = state.gas
         assert gas is not None
         logs = np.log(gas.density)
@@ -101,7 +105,7 @@ class Box:
 
 
 class Disc:
-    """Quiet gas of a disc, eqs. (1 - 4)."""
+    """Quiet gas in a disc, eqs. (1 - 4)."""
 
     def __init__(self, scene: Scene) -> None:
         self.scene, self.keys = scene, scene.gas.quiet
@@ -115,20 +119,21 @@ class Disc:
 
     @contextmanager
     def pressure_of_pairs(self, state: View, sph: Sph) -> Iterator[Array]:
-        """Yield the pressure (n,) in the forces of pairs; after the context add the push to the accelerations.
+        """Return a context manager that yields the pressure P - B (n,) for the SPH forces of pairs, eq. (3).
 
-        Density and pressure of the gas become those of eqs. (1, 4). `sph` has the slopes of the velocity.
+        At its end it adds the push of eq. (3) to `acc_unshared`, and sets density and pressure of the gas by eqs. (1)
+        and (4). sph: SPH sums with the velocity gradients of the gas.
         """
         gas = _gas(state)
-        self._follow(state, sph)
+        self._advance_density(state, sph)
         pressure, push, mass_over_mean = self.split(state)
         yield pressure
         parallel_for(moves.add_scaled, gas.count, gas.acc_unshared, push, 1.0, light=True)
         gas.density[:] = gas.followed * mass_over_mean
         gas.pressure *= mass_over_mean
 
-    def _follow(self, state: View, sph: Sph) -> None:
-        """Advance the density of the gas to the time of the state, eq. (1)."""
+    def _advance_density(self, state: View, sph: Sph) -> None:
+        """Advance `gas.followed`, the density of eq. (1), to the time of the state."""
         gas = _gas(state)
         away = np.sqrt((state.from_centre(gas.pos) ** 2).sum(axis=1))
         parallel_for(
@@ -138,29 +143,29 @@ class Disc:
         )  # fmt: skip
 
     def split(self, state: View) -> tuple[Array, Array, Array]:
-        """Return the pressure (n,) of pairs, the push (n, 2) of the mean pressure and rho' / rho (n,), eqs. (2-4)."""
+        """Return P - B (n,), the push (n, 2) of eq. (3), and rho' / rho (n,) of eq. (4)."""
         gas, pos = _gas(state), state.from_centre(state.gas.pos)
         r = np.maximum(np.sqrt((pos**2).sum(axis=1)), TINY)
         pressure, acc = copied(gas.pressure), np.zeros_like(pos)
-        place = self._places(r)
-        low, count = _range(place)
+        place = self._ring_coordinates(r)
+        low, count = _ring_range(place)
         at = np.clip(place - low, 2.0, count - 3.0)
         rings = self._rings(state, at, r, low, count)
         stretch = (r / self.reference) ** -self.flaring / (self.width * r * r)  # d(at)/dr over r
         parallel_for(
-            kernels.push, gas.count, pos, at, stretch, gas.followed, self._cubics(rings), pressure, acc,
+            kernels.push, gas.count, pos, at, stretch, gas.followed, self._spline_of_pressure(rings), pressure, acc,
         )  # fmt: skip
         if state.bodies is not None:
-            acc -= _as_rigid(gas.mass, pos, acc)
+            acc -= _rigid_acceleration(gas.mass, pos, acc)
         even = np.clip(1.0 - UNEVEN * rings.uneven, 0.0, 1.0)
         return pressure, acc, np.exp(np.interp(at, np.arange(count), even * rings.lacking))
 
-    def _places(self, r: Array) -> Array:
-        """Return ring coordinates (n,) of radii (n,): distances from the reference radius in widths of rings."""
+    def _ring_coordinates(self, r: Array) -> Array:
+        """Return ring coordinates (n,) of radii (n,). They are 0 at the reference radius, and rings are 1 wide."""
         log = np.log(r / self.reference)
         return (log if self.flaring == 0.0 else -np.expm1(-self.flaring * log) / self.flaring) / self.width
 
-    def _radii(self, place: Array) -> Array:
+    def _radii_of_rings(self, place: Array) -> Array:
         """Return the radii (n,) of ring coordinates (n,)."""
         log = self.width * place
         if self.flaring != 0.0:
@@ -168,7 +173,10 @@ class Disc:
         return self.reference * np.exp(np.clip(log, -FARTHEST, FARTHEST))
 
     def _rings(self, state: View, at: Array, r: Array, low: float, count: int) -> Rings:
-        """Return the means over `count` rings from the ring `low` on; `at` (n,) is relative to `low`."""
+        """Return the properties of `count` rings, of which the first has the ring coordinate `low`.
+
+        at (n,): ring coordinates of the particles, relative to `low`. r (n,): their radii.
+        """
         gas = _gas(state)
         pressing = gas.pressure / gas.sound_speed**2
         mass = gas.mass * pressing / gas.followed
@@ -179,15 +187,15 @@ class Disc:
         sums = world.processes.sum(sum(found)) / units[:, None]
         for _ in range(2):
             sums[:, 1:-1] = 0.25 * (sums[:, :-2] + 2.0 * sums[:, 1:-1] + sums[:, 2:])
-        some, radius = np.maximum(sums[NUMBER], TINY), self._radii(low + np.arange(count))
+        some, radius = np.maximum(sums[NUMBER], TINY), self._radii_of_rings(low + np.arange(count))
         area = 2.0 * np.pi * self.width * radius**2 * (radius / self.reference) ** self.flaring
         mean, density = sums[FIRST] / some, sums[MASS] / area
         uneven = np.sqrt(np.maximum(sums[SECOND] / some - mean**2, 0.0))
         lacking = np.log(np.maximum(radius * density, TINY)) - mean
         return Rings(radius, density, sums[NUMBER], uneven, np.where(sums[NUMBER] > SPARSE, lacking, 0.0))
 
-    def _cubics(self, rings: Rings) -> Array:
-        """Return coefficients (4, count - 1) of the spline B between rings, eq. (2), highest power first."""
+    def _spline_of_pressure(self, rings: Rings) -> Array:
+        """Return the coefficients (4, count - 1) of the cubic spline of B, eq. (2), highest power first."""
         from scipy.interpolate import CubicSpline
 
         number2 = rings.number**2
@@ -201,15 +209,18 @@ def _gas(state: View) -> Any:
     return state.gas
 
 
-def _range(place: Array) -> tuple[float, int]:
-    """Return the first ring, and the number of rings that hold the gas of all processes, with a margin."""
+def _ring_range(place: Array) -> tuple[float, int]:
+    """Return the ring coordinate of the first ring and the number of rings, for the gas of all processes.
+
+    place (n,): ring coordinates of local particles. The range of rings has a margin at both ends.
+    """
     least, most = world.processes.least(place.min(initial=np.inf)), world.processes.most(place.max(initial=-np.inf))
     low = np.floor(max(least, most - MOST_RINGS)) - 3.0
     return float(low), int(most - low) + 5
 
 
-def _as_rigid(mass: Array, pos: Array, acc: Array) -> Array:
-    """Return accelerations (n, 2) of a rigid body by the net force of `acc` (n, 2), without torque about the origin."""
+def _rigid_acceleration(mass: Array, pos: Array, acc: Array) -> Array:
+    """Return accelerations (n, 2) of a rigid body with the net force of `acc` (n, 2) and no torque about the origin."""
     x, y = pos.T
     columns = np.column_stack([np.ones_like(x), x, y, acc, x * x + y * y])
     whole, mx, my, fx, fy, inertia = totals(mass[:, None] * columns).tolist()

@@ -1,9 +1,9 @@
 """Radiation pressure on dust: a = beta G M r / (r^2 + s^2)^(3/2), beta = F_rad / F_grav of a population.
 
-s is the star's softening, and the star alone is the source. The gas does not feel the push, so the relaxation of drag
-contains it. Without drag, dust that drifts on Kepler orbits has orbits about (1 - beta) M, and there is no step
-limit. The step limit else is half of sqrt((r^2 + s^2)^(3/2) / (beta G M)) of the innermost grain; in a given disc all
-of it.
+M and s are mass and softening of the star, the only source of radiation. Gas does not feel this force, so the drag
+solution includes it as an acceleration of dust alone. If dust drifts on Kepler orbits, which needs a scene without
+drag, the central mass of these orbits is (1 - beta) M, and there is no step limit. Otherwise the step limit is half of
+sqrt((r^2 + s^2)^(3/2) / (beta G M)) of the innermost grain; in a given disc it is twice as long.
 """
 
 from __future__ import annotations
@@ -32,16 +32,16 @@ if TYPE_CHECKING:
 
 kernels = Lazy("discsim.kernels.dust.radiation")
 stars = Lazy("discsim.kernels.gravity.point_masses")
-PUSH = 6.0  # CPU nanoseconds in a step, per grain
+GRAIN_COST = 6.0  # CPU nanoseconds in a step, per grain
 
 
-def _needs(draft: Draft) -> Iterator[Problem]:
+def _needs_dust_and_star(draft: Draft) -> Iterator[Problem]:
     for table, what in (("dust", "acts on dust"), ("star", "needs a star")):
         if not draft.has(table):
             yield ("radiation_pressure",), f"radiation pressure {what}; expected a table [{table}] too"
 
 
-def _one_a_population(draft: Draft) -> Iterator[Problem]:
+def _one_beta_per_population(draft: Draft) -> Iterator[Problem]:
     given, there = len(draft.radiation_pressure.beta), len(draft.dust or ())
     if draft.dust and given not in (1, there):
         yield (
@@ -50,7 +50,7 @@ def _one_a_population(draft: Draft) -> Iterator[Problem]:
         )
 
 
-def _moves_by_particles(draft: Draft) -> Iterator[Problem]:
+def _needs_dust_particles(draft: Draft) -> Iterator[Problem]:
     if draft.drag and SCHEMES[draft.drag.scheme].on_grid:
         yield (
             ("radiation_pressure",),
@@ -58,8 +58,8 @@ def _moves_by_particles(draft: Draft) -> Iterator[Problem]:
         )
 
 
-def _has_orbits(draft: Draft) -> Iterator[Problem]:
-    """Yield a problem of grains that start on circles without drag, with a beta that allows none."""
+def _unbound_grains(draft: Draft) -> Iterator[Problem]:
+    """Yield a problem of beta >= 1 for grains that start on circular orbits."""
     most = max(draft.radiation_pressure.beta)
     if most < 1.0 or not draft.start or draft.start.radial is None:
         return
@@ -73,21 +73,21 @@ def _has_orbits(draft: Draft) -> Iterator[Problem]:
 
 class Effect(base.Effect):
     keys = Keys
-    rules = (_needs, _one_a_population, _moves_by_particles, _has_orbits)
+    rules = (_needs_dust_and_star, _one_beta_per_population, _needs_dust_particles, _unbound_grains)
 
     def __init__(self, scene: Scene, state: State) -> None:
         assert scene.star is not None
         self.softening = scene.star.softening
         self.share = 1.0 - pull_share(scene)  # beta of each population
-        self.in_drift, self.step = in_drift(scene), _step(scene)
+        self.in_drift, self.step = in_drift(scene), _relative_step(scene)
 
     @classmethod
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
-        return PUSH * counts.dust
+        return GRAIN_COST * counts.dust
 
     @classmethod
     def expected_limit(cls, scene: Scene, outlook: Outlook) -> Expected:
-        strongest, step = float((1.0 - pull_share(scene)).max()) * scene.star.mass, _step(scene)
+        strongest, step = float((1.0 - pull_share(scene)).max()) * scene.star.mass, _relative_step(scene)
         if outlook.nearest == np.inf or strongest == 0.0 or step == np.inf:
             return Expected()
         away = float(np.hypot(outlook.nearest, scene.star.softening))
@@ -135,8 +135,8 @@ class Effect(base.Effect):
         return state.star_mass * total(dust.mass * self.share[dust.species] / distance)
 
 
-def _step(scene: Scene) -> float:
-    """Return the step limit over 1/Omega in the radiation field: inf if the drift contains it, 1 in a given disc."""
+def _relative_step(scene: Scene) -> float:
+    """Return the step limit divided by sqrt((r^2 + s^2)^(3/2) / (beta G M)); inf if the force acts in the drift."""
     if in_drift(scene):
         return float("inf")
     return IN_KICKS if scene.model.given is None else 1.0

@@ -6,8 +6,8 @@
 The kernel "thin-disc" is, without approximation, the mean over height of a disc that is Gaussian in height, of
 constant H (Rendon Restrepo et al. 2025, arXiv:2506.10812).
 
-A particle mesh computes the field (`numerics/mesh.py`), with a centred difference of fourth order. A particle off an
-open grid attracts nothing, and feels the mass on the grid as one point with that kernel.
+A particle mesh computes the field (`numerics/mesh.py`), with centred differences of fourth order. Particles outside an
+open grid attract nothing. The mass on the grid attracts them like one particle at its barycentre.
 """
 
 from __future__ import annotations
@@ -41,12 +41,12 @@ totals = Lazy("discsim.numerics.totals")
 Array = np.ndarray
 
 
-CELL, MOVED = 50.0, 18.0  # CPU nanoseconds in a step: per grid cell, and per particle (deposit and pull)
+CELL_COST, PARTICLE_COST = 50.0, 18.0  # CPU nanoseconds in a step: per grid cell, and per particle (deposit and pull)
 KERNEL_KEYS = {"plummer": "softening", "thin-disc": "thickness"}  # key of the length of each kernel
 
 
 def kernel_length(scene: Scene) -> float:
-    """Return the length within which self-gravity is softened, by the kernel of the scene."""
+    """Return the length of the scene's kernel, `softening` or `thickness`."""
     return float(getattr(scene.self_gravity, KERNEL_KEYS[scene.self_gravity.kernel]))
 
 
@@ -56,11 +56,10 @@ def _boundary_of_a_line(draft: Draft) -> Iterator[Problem]:
         yield ("space", "boundary"), 'self-gravity in 1D needs periodic boundaries; expected "periodic"'
 
 
-def _sheets(draft: Draft) -> Iterator[Problem]:
-    """Yield a problem of 1D gravity for a start with a volume density.
+def _volume_density_in_1d(draft: Draft) -> Iterator[Problem]:
+    """Yield a problem of 1D self-gravity with a start that has a volume density instead of a surface density.
 
-    Exempt are scenes in code units, whose numbers may be either density, and own particles, whose masses may be
-    either.
+    Scenes in code units and particles given by the caller may have either density, and yield no problem.
     """
     start = draft.start
     if draft.dimensions != 1 or draft.in_code_units or not start or start.column:
@@ -104,13 +103,13 @@ def _enough_cells(draft: Draft) -> Iterator[Problem]:
         )
 
 
-HEAVY = 3.0  # Toomre's Q above which nothing is amplified (Toomre 1981), with any softening
-CLUMP = 6  # least particles of a collapsing mass, in neighbour numbers of the kernel (Nelson 2006, abstract)
-CELLS = 4  # least width of a collapsing region in grid cells
+STABLE_Q = 3.0  # Toomre's Q above which nothing is amplified (Toomre 1981), with any softening
+CLUMP_SIZE = 6  # required particles of a collapsing mass, in neighbour numbers of the kernel (Nelson 2006, abstract)
+CELLS = 4  # required width of a collapsing region in grid cells
 
 
-def _unresolved(scene: Scene, at: Local) -> Iterator[str]:
-    """Yield warnings of a softening that is unused, below a grid cell or above the scale height."""
+def _length_warnings(scene: Scene, at: Local) -> Iterator[str]:
+    """Yield warnings of a kernel length that is unused, below a grid cell or above the scale height."""
     kernel = scene.self_gravity.kernel
     name, length = KERNEL_KEYS[kernel], kernel_length(scene)
     shown = scene.units.show(length, "length")
@@ -126,7 +125,7 @@ def _unresolved(scene: Scene, at: Local) -> Iterator[str]:
         )
     if at.scale_height is not None and at.toomre_q is not None:
         # A softening has to be below H wherever self-gravity matters, a thickness only below the largest H.
-        counts = at.toomre_q <= max(HEAVY, at.toomre_q.min())
+        counts = at.toomre_q <= max(STABLE_Q, at.toomre_q.min())
         softest = np.where(counts, at.scale_height, np.inf).argmin()
         worst = int(softest if kernel == "plummer" else at.scale_height.argmax())
         height = at.scale_height[worst]
@@ -137,7 +136,7 @@ def _unresolved(scene: Scene, at: Local) -> Iterator[str]:
             )
 
 
-def _coarse_collapse(scene: Scene, at: Local) -> Iterator[str]:
+def _collapse_warnings(scene: Scene, at: Local) -> Iterator[str]:
     """Yield warnings of collapsing regions with too few particles or grid cells, where Q < 2.
 
     A collapsing region is 2 c_s^2 / (G Sigma) wide and has a mass of pi c_s^4 / (G^2 Sigma) (Nelson 2006, sec. 2).
@@ -153,10 +152,10 @@ def _coarse_collapse(scene: Scene, at: Local) -> Iterator[str]:
     where = at.where(worst)
     reach = math.pi * (SMOOTHING[scene.gas.kernel].support * scene.gas.eta) ** 2
     held = mass[worst] / (reach * at.particle_mass * at.relative_mass[worst])
-    if held < CLUMP:
+    if held < CLUMP_SIZE:
         yield (
-            f"the smallest collapsing mass {where} has {held:.2g} times the particles of a kernel, below {CLUMP}: "
-            f"raise gas.particles by a factor of {CLUMP / held:.2g}"
+            f"the smallest collapsing mass {where} has {held:.2g} times the particles of a kernel, below {CLUMP_SIZE}: "
+            f"raise gas.particles by a factor of {CLUMP_SIZE / held:.2g}"
         )
     cell = at.cell
     if length[worst] < CELLS * cell:
@@ -166,18 +165,18 @@ def _coarse_collapse(scene: Scene, at: Local) -> Iterator[str]:
         )
 
 
-POTENTIAL = "self_gravity.potential"  # the operator that solves for it
+POTENTIAL = "self_gravity.potential"  # name of the operator that computes the potential
 
 
 class Effect(base.Effect):
-    """Attraction of every species by the species in `self_gravity.sources`.
+    """Gravity of the species in `self_gravity.sources`, which acts on all species.
 
-    `outside` is the number of particles off the grid when forces were last made. Raises ValueError for open
-    boundaries in one dimension or with fewer than five cells a side.
+    outside: number of particles outside the grid at the last computation of forces. The constructor raises ValueError
+    for open boundaries in one dimension, or for an open grid with fewer than five cells on a side.
     """
 
     keys = Keys
-    rules = (_boundary_of_a_line, _sheets, _length_of_the_kernel, _sources, _enough_cells)
+    rules = (_boundary_of_a_line, _volume_density_in_1d, _length_of_the_kernel, _sources, _enough_cells)
     role = base.Role(grid=True)
 
     def __init__(self, scene: Scene, state: State) -> None:
@@ -196,15 +195,15 @@ class Effect(base.Effect):
 
     @classmethod
     def report(cls, scene: Scene, at: Local) -> base.Report:
-        return base.Report(warnings=chain(_unresolved(scene, at), _coarse_collapse(scene, at)))
+        return base.Report(warnings=chain(_length_warnings(scene, at), _collapse_warnings(scene, at)))
 
     @classmethod
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
-        return CELL * counts.cells + MOVED * (counts.gas + counts.dust)
+        return CELL_COST * counts.cells + PARTICLE_COST * (counts.gas + counts.dust)
 
     @classmethod
     def grid_bytes(cls, scene: Scene, shape: tuple[int, ...]) -> int:
-        """Return the memory in bytes of density, potential and its gradient, and of their transforms."""
+        """Return the memory in bytes of density, potential, its gradient, and their Fourier transforms."""
         pad = 1 if scene.space.boundary == "periodic" else 2
         columns = pad * shape[-1] // 2 + 1
         return 8 * (4 * math.prod(shape) + 2 * shape[0] * columns + (pad * shape[0] // 2 + 1) * columns)
@@ -224,7 +223,7 @@ class Effect(base.Effect):
         self.mesh.differentiate()
 
     def accelerate(self, view: base.View) -> dict[str, float]:
-        """Add the accelerations, and return the largest one of each species."""
+        """Add the accelerations to `acc`, and return the largest acceleration of each species."""
         monopole: _Monopole | None = None
         largest, self.outside = {}, 0
         found = self.mesh.pull((p.pos, p.acc) for p in view.species.values())
@@ -250,14 +249,14 @@ class Effect(base.Effect):
         return Expected(math.sqrt(length / pull), outlook.at.where(densest))
 
     def limit(self, view: base.View) -> dict[str, base.Limit]:
-        """Return the least sqrt(length / |a|) of each species; length is the softening, or the cell for a thin disc."""
+        """Return the smallest sqrt(l / |a|) of each species; l is the softening, or the grid cell for thin-disc."""
         return {
             name: base.Limit(float(np.sqrt(self.smallest / largest)), remedy=self.remedy)
             for name, largest in view["self_gravity.pull"].items() if largest > 0
         }  # fmt: skip
 
     def potential_energy(self, state: State) -> float:
-        """Return half the sum of m phi over the sources, in the potential of the last forces."""
+        """Return half the sum of m phi over the sources, with the potential of the last computation of forces."""
         if POTENTIAL not in state.results:
             self.mesh.solve(state.species, self.sources)
         return 0.5 * sum(self._energy(state.species[name]) for name in self.sources)
@@ -270,7 +269,7 @@ class Effect(base.Effect):
         return float(totals.total(particles.mass * potential))
 
     def _monopole(self) -> _Monopole:
-        """Return the monopole of the mass that was on the grid when the potential was made."""
+        """Return the mass on the grid, at the last computation of the potential, as one point."""
         # Cloud-in-cell deposition conserves mass and first moments, so the grid has those of the deposited particles.
         along = self.mesh.sums()
         total = float(along[0].sum())
@@ -281,7 +280,7 @@ class Effect(base.Effect):
 
 
 class _Monopole(NamedTuple):
-    """Mass on the grid as one point at its barycentre."""
+    """Point mass that represents the mass on the grid, at its barycentre `centre`."""
 
     mass: float
     centre: Array

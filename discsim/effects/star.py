@@ -1,16 +1,18 @@
-"""Star: a = -G M d / (d^2 + s^2)^(3/2), with the softening s and the vector d from the star; optional accretion
-radius.
+"""Star: gravity a = -G M d / (d^2 + s^2)^(3/2) and optional accretion; d is the vector from the star, s its softening.
 
-Particles within the accretion radius are removed at the end of the step. Their mass, momentum and angular momentum go
-to the ledger. With grows = true the star gains their mass and, where it moves, their momentum.
+Particles within the accretion radius are removed at the end of the step. The ledger records their mass, momentum and
+angular momentum. With grows = true the star gains their mass; a moving star gains their momentum too.
 
-Without softening, and with nothing that moves the star, gas and dust drift on Kepler orbits about it, exactly at any
-step (`kernels/gravity/kepler.py`). Otherwise its pull is in the kick, where a moving star gains the momentum that the
-particles lose, to rounding. Step limit: 1/Omega = sqrt((d^2 + s^2)^(3/2) / (G M)) of the nearest particle, and half of
-it in kicks.
+An unsoftened star at rest acts in the drift: gas and dust move on Kepler orbits, exact at any step
+(`kernels/gravity/kepler.py`). Otherwise the star acts in the kick, where a moving star gains the momentum that
+particles lose, to rounding. The step limit is 1/Omega = sqrt((d^2 + s^2)^(3/2) / (G M)) of the particle nearest to the
+star, or half of this if the star acts in the kick.
 
-    frame = "star"       the star is the origin, and all get -A_0, A_0 = sum of the pulls on it that indirect lists
-    frame = "inertial"   the star moves with A_0; with its companions its barycentre starts at rest at the origin
+A_0 is the sum of the accelerations of the star by the sources in the key `indirect`:
+
+    frame = "star"       the star is the origin, and gas, dust and companions have the additional acceleration -A_0
+    frame = "inertial"   the star accelerates with A_0; the barycentre of star and companions starts at rest at the
+                         origin
 """
 
 from __future__ import annotations
@@ -42,10 +44,10 @@ if TYPE_CHECKING:
 kernels = Lazy("discsim.kernels.gravity.point_masses")
 
 SOFTER = "a larger star.accretion_radius or star.softening"
-PULL = 5.0  # CPU nanoseconds in a step, per particle; twice if its pull on the star counts
+PULL = 5.0  # CPU nanoseconds in a step, per particle; twice as long for particles that pull the star
 
 
-def _at_the_centre(draft: Draft) -> Iterator[Problem]:
+def _space_with_centre(draft: Draft) -> Iterator[Problem]:
     """Yield problems of a space that has no centre for a star."""
     if draft.dimensions == 1:
         yield ("star",), "a star is possible only in two dimensions; expected space.dimensions = 2"
@@ -53,8 +55,8 @@ def _at_the_centre(draft: Draft) -> Iterator[Problem]:
         yield ("star",), 'a star is not possible in a periodic space; expected space.boundary = "open"'
 
 
-def _who_pulls(draft: Draft) -> Iterator[Problem]:
-    """Yield problems of `indirect`, the list of what pulls the star."""
+def _indirect_sources(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of the key `indirect`, the list of sources that accelerate the star."""
     names = draft.star.indirect or ()
     if len(set(names)) < len(names):
         yield ("star", "indirect"), "a name occurs twice; expected each name once"
@@ -71,7 +73,7 @@ def _who_pulls(draft: Draft) -> Iterator[Problem]:
 
 
 def _frame(draft: Draft) -> Iterator[Problem]:
-    """Yield problems of the frame, of the centre of the disc, and of a star that grows without an accretion radius."""
+    """Yield problems of the keys `frame`, `centre` and `grows`."""
     star = draft.star
     if star.frame == "inertial" and draft.has("background"):
         yield ("star", "frame"), 'a [background] needs the star at the origin; expected "star"'
@@ -95,14 +97,14 @@ def _frame(draft: Draft) -> Iterator[Problem]:
 
 
 def nearest_row(pos: np.ndarray, place: tuple[float, float]) -> int:
-    """Return the index of the position (n, 2) that is nearest to a place."""
+    """Return the index of the row of `pos` (n, 2) that is nearest to the point `place`."""
     return int(((pos - place) ** 2).sum(axis=1).argmin())
 
 
 class Effect(base.Effect):
     keys = Keys
     role = base.Role(centre=True)
-    rules = (_at_the_centre, _who_pulls, _frame)
+    rules = (_space_with_centre, _indirect_sources, _frame)
 
     def __init__(self, scene: Scene, state: State) -> None:
         self.star = scene.star
@@ -112,8 +114,8 @@ class Effect(base.Effect):
         # drift of the star.
         self.all_in_kick = scene.model.given is not None
         self.in_drift, self.step = in_drift(scene), step_of_circle(scene)
-        # Displacement and change of velocity of gas and dust by the motion of the frame in a drift.
-        self._of_frame = np.zeros(2), np.zeros(2)
+        # Displacement and velocity change of gas and dust in the last drift, caused by the motion of the frame.
+        self._frame_motion = np.zeros(2), np.zeros(2)
 
     @classmethod
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
@@ -173,20 +175,23 @@ class Effect(base.Effect):
 
     def drift(self, state: State, dt: float) -> None:
         if state.bodies is not None:
-            self._of_frame = self.orbits.drift(state.bodies, state.time, dt)
+            self._frame_motion = self.orbits.drift(state.bodies, state.time, dt)
 
     def move(self, state: State, dt: float) -> None:
-        if state.bodies is None or self.all_in_kick or not np.any(self._of_frame):
+        if state.bodies is None or self.all_in_kick or not np.any(self._frame_motion):
             return
         for p in state.species.values():
-            for vectors, moved in zip((p.pos, p.vel), self._of_frame, strict=True):
+            for vectors, moved in zip((p.pos, p.vel), self._frame_motion, strict=True):
                 if p.immobile is None:
                     parallel_for(kernels.add, p.count, vectors, *moved.tolist(), light=True)
                 else:
                     vectors[~p.immobile] += moved
 
     def event(self, state: State) -> dict[str, float]:
-        """Accrete particles, and return the least squared distances of the others from the star, where known."""
+        """Accrete particles, and return for each species the smallest squared distance of the others from the star.
+
+        Species whose distances may have changed, or were not computed, are left out.
+        """
         nearest: dict[str, float] = {}
         if state.bodies is not None:
             self.orbits.place(state.bodies, state.time)
@@ -204,8 +209,9 @@ class Effect(base.Effect):
         return nearest
 
     def _accrete(self, state: State, name: str, particles: Particles, gone: np.ndarray) -> None:
-        """Remove the particles `gone` (indices) of a species, record them in the ledger, and give them to a growing
-        star.
+        """Remove accreted particles of the species `name`; `gone` has their indices.
+
+        The ledger records them, and a growing star gains their mass.
         """
         if world.processes.most(len(gone)) == 0:
             return

@@ -1,4 +1,4 @@
-"""Columns of the drag in snapshots, for any model of the gas."""
+"""Stopping times and Stokes numbers in snapshots, for any model of the gas."""
 
 import numpy as np
 
@@ -6,8 +6,9 @@ from discsim.numerics.state import State
 
 
 def stopping_columns(state: State, times: np.ndarray) -> dict[str, dict[str, np.ndarray]]:
-    """Return stopping times (n,) of the dust and, about a star, Stokes numbers t_stop Omega_K (n,), by species and
-    name.
+    """Return arrays for snapshots by species and name: stopping times of the dust and, about a star, Stokes numbers.
+
+    times (n,): stopping times. The Stokes number is t_stop Omega_K.
     """
     found = {"stopping_time": times}
     if state.scene.star is not None and state.dust is not None:

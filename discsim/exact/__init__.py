@@ -1,1 +1,1 @@
-"""Exact solutions and theory, as functions of numbers and arrays alone."""
+"""Exact solutions of test problems, as functions of numbers and arrays."""

@@ -1,8 +1,8 @@
-"""Specific energy u of one zone of gas with constant heating and cooling, linear in u or by u^4.
+"""Specific energy u of a zone of gas with constant heating, and cooling proportional to u or to u^4.
 
-    towards u_eq    du/dt = rate - (u - u_eq) / t_cool:
+    linear          du/dt = rate - (u - u_eq) / t_cool:
                     u(t) = u_inf + (u_0 - u_inf) exp(-t / t_cool),      u_inf = u_eq + rate t_cool            (1)
-    by u^4          du/dt = a (u_inf^4 - u^4):
+    fourth power    du/dt = a (u_inf^4 - u^4):
                     t(u) = [F(u / u_inf) - F(u_0 / u_inf)] / (2 a u_inf^3),  F(x) = atanh(x^(1 or -1)) + atan x  (2)
 
 The exponent in F is 1 for u below u_inf, and -1 for u above it. (2) is the solution of a grey zone of constant

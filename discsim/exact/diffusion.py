@@ -1,4 +1,4 @@
-"""Diffusion of dust in gas: equilibrium of drift and turbulence in a ring and in a layer, and the spreading of a line.
+"""Turbulent diffusion of dust in gas: equilibria with drift in a ring and in a vertical layer, and a spreading line.
 
     d rho_d/dt = div [D rho_g grad(rho_d / rho_g) - rho_d v]                                              (1)
 
@@ -22,7 +22,7 @@ Array = np.ndarray
 
 
 def ring(gas: ArrayLike, pressure: ArrayLike, alpha: float, stokes: float) -> Array:
-    """Return the dust density of an equilibrium in a pressure maximum, up to a factor, eq. (2).
+    """Return the equilibrium density of dust in a pressure maximum, times an unknown constant, eq. (2).
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ def layer_height(height: float, alpha: float, stokes: float) -> float:
 
 
 def line(x: ArrayLike, time: float, diffusivity: float) -> Array:
-    """Return the density of a line of dust that spreads in uniform gas, eq. (4).
+    """Return the density of dust that spreads in uniform gas from a line, eq. (4).
 
     Parameters
     ----------

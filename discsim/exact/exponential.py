@@ -87,18 +87,20 @@ def radial_acceleration(radius: Array, scale: float, mass: float, height: float 
     ndarray, shape (n,)
         Radial acceleration, negative inwards.
     """
-    whole = _at_height(radius, scale, mass, height) if height else _in_plane(radius, scale, mass)
+    whole = (
+        _acceleration_at_height(radius, scale, mass, height) if height else _acceleration_in_plane(radius, scale, mass)
+    )
     if np.isinf(cut):
         return whole
     return whole - ring.beyond(radius, cut, lambda s: surface_density(s, scale, mass), height)
 
 
-def _in_plane(radius: Array, scale: float, mass: float) -> Array:
+def _acceleration_in_plane(radius: Array, scale: float, mass: float) -> Array:
     y = radius / (2 * scale)
     return -mass * y / scale**2 * (ive(0, y) * kve(0, y) - ive(1, y) * kve(1, y))  # eq. (1)
 
 
-def _at_height(radius: Array, scale: float, mass: float, height: float) -> Array:
+def _acceleration_at_height(radius: Array, scale: float, mass: float, height: float) -> Array:
     t = scale * np.exp(np.arange(-20, 4.5, STEP) - 0.25j * np.pi)
     total = np.zeros(np.shape(radius))
     for at, weight in zip(height + 1j * t, STEP * t**2 * kv(0, t / scale), strict=True):

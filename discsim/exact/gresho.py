@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 Array = np.ndarray
-CENTRAL = 5.0  # P / (rho v_0^2) in the middle, for a nearly incompressible flow
+CENTRAL_PRESSURE = 5.0  # P / (rho v_0^2) in the middle, for a nearly incompressible flow
 
 
 def speed(radius: Array, peak: float = 1.0, at: float = 0.2) -> Array:
@@ -58,4 +58,4 @@ def pressure(radius: Array, density: float = 1.0, peak: float = 1.0, at: float =
     x = np.minimum(np.asarray(radius, dtype=float) / at, 2.0)
     outer = np.maximum(x, 1.0)
     above = np.where(x < 1.0, 0.5 * x**2, 0.5 * outer**2 - 4.0 * outer + 4.0 * np.log(outer) + 4.0)
-    return density * peak**2 * (CENTRAL + above)
+    return density * peak**2 * (CENTRAL_PRESSURE + above)

@@ -144,17 +144,17 @@ def at_mean_anomaly(mu: float, size: float, e: float, mean: float) -> Motion:
     """
     rate = math.sqrt(mu / size)
     if e < 1.0:
-        eccentric = _eccentric(e, math.remainder(mean, 2.0 * math.pi))
+        eccentric = _eccentric_anomaly(e, math.remainder(mean, 2.0 * math.pi))
         c, s, wide = math.cos(eccentric), math.sin(eccentric), math.sqrt((1.0 - e) * (1.0 + e))
         rate /= 1.0 - e * c
         return Motion(size * (c - e), size * wide * s, -rate * s, rate * wide * c)
-    eccentric = _hyperbolic(e, mean)
+    eccentric = _hyperbolic_anomaly(e, mean)
     c, s, wide = math.cosh(eccentric), math.sinh(eccentric), math.sqrt((e - 1.0) * (e + 1.0))
     rate /= e * c - 1.0
     return Motion(size * (e - c), size * wide * s, -rate * s, rate * wide * c)
 
 
-def _eccentric(e: float, mean: float) -> float:
+def _eccentric_anomaly(e: float, mean: float) -> float:
     """Solve E - e sin E = M, |M| <= pi, by Newton's method within a bracket."""
     low, high = mean - e, mean + e
     root = mean + e * math.sin(mean)
@@ -169,7 +169,7 @@ def _eccentric(e: float, mean: float) -> float:
     return root
 
 
-def _hyperbolic(e: float, mean: float) -> float:
+def _hyperbolic_anomaly(e: float, mean: float) -> float:
     """Solve e sinh F - F = M by Newton's method, from a guess that makes it converge monotonically."""
     root = math.asinh(mean / e) if abs(mean) < 1e-8 else math.copysign(math.log(2.0 * abs(mean) / e + 1.8), mean)
     for _ in range(ROUNDS):
@@ -204,7 +204,7 @@ def drift(mu: float, at: Motion, dt: float) -> Motion:
     eta, beta = x * vx + y * vy, 2.0 * mu / r0 - (vx * vx + vy * vy)
     if beta > 0.0:  # drop whole periods
         dt = math.remainder(dt, 2.0 * math.pi * mu / (beta * math.sqrt(beta)))
-    s = _universal(mu, r0, eta, beta, dt)
+    s = _universal_anomaly(mu, r0, eta, beta, dt)
     g0, g1, g2, g3 = _stumpff(beta, s)
     r = r0 * g0 + eta * g1 + mu * g2
     f, g = 1.0 - mu * g2 / r0, dt - mu * g3
@@ -212,14 +212,14 @@ def drift(mu: float, at: Motion, dt: float) -> Motion:
     return Motion(f * x + g * vx, f * y + g * vy, df * x + dg * vx, df * y + dg * vy)
 
 
-def _universal(mu: float, r0: float, eta: float, beta: float, dt: float) -> float:
+def _universal_anomaly(mu: float, r0: float, eta: float, beta: float, dt: float) -> float:
     """Solve (1) for s by Newton's method within a bracket."""
     sign = 1.0 if dt > 0.0 else -1.0
     reach = abs(dt) / r0
     if beta > 0.0:
         reach = min(reach, math.pi / math.sqrt(beta))
     low, high = 0.0, sign * reach
-    while sign * (_time(mu, r0, eta, beta, high) - dt) < 0.0:
+    while sign * (_time_of_anomaly(mu, r0, eta, beta, high) - dt) < 0.0:
         low, high = high, 2.0 * high
     root = 0.5 * (low + high) if low else _first_guess(mu, r0, eta, dt, high)
     for _ in range(ROUNDS):
@@ -245,7 +245,7 @@ def _first_guess(mu: float, r0: float, eta: float, dt: float, most: float) -> fl
     return guess if 0.0 < guess / most < 1.0 else 0.5 * most
 
 
-def _time(mu: float, r0: float, eta: float, beta: float, s: float) -> float:
+def _time_of_anomaly(mu: float, r0: float, eta: float, beta: float, s: float) -> float:
     _, g1, g2, g3 = _stumpff(beta, s)
     return r0 * g1 + eta * g2 + mu * g3
 

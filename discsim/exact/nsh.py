@@ -107,7 +107,11 @@ def of_populations(stokes: ArrayLike, ratios: ArrayLike, headwind: ArrayLike, pu
         dust_radial=2 * (differences - stokes) * scale / (1 + stokes**2),  # eq. (3)
         dust_azimuthal=-(1 + a + b * stokes) * scale / (1 + stokes**2),  # eq. (4)
     )
-    return found if push is None else Drift(*map(np.add, found, _pushed(stokes, share, np.asarray(push, dtype=float))))
+    return (
+        found
+        if push is None
+        else Drift(*map(np.add, found, _drift_by_push(stokes, share, np.asarray(push, dtype=float))))
+    )
 
 
 def about_circles(
@@ -157,8 +161,8 @@ def about_circles(
     return Drift(*(unit * v for v in (gas_radial, lags + gas, dust_radial, lags + dust)))
 
 
-def _pushed(stokes: np.ndarray, share: np.ndarray, push: np.ndarray) -> Drift:
-    """Return the velocities added by outward forces on grains, eqs. (5) to (8); `share` is eps_j / (1 + St_j^2)."""
+def _drift_by_push(stokes: np.ndarray, share: np.ndarray, push: np.ndarray) -> Drift:
+    """Return the velocities caused by outward forces on grains, eqs. (5) to (8); share: eps_j / (1 + St_j^2)."""
     a, b = share.sum(axis=0), (share * stokes).sum(axis=0)
     c, d = (share * push).sum(axis=0), (share * stokes * push).sum(axis=0)
     n = (1 + a) ** 2 + b**2

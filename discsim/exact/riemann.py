@@ -58,13 +58,17 @@ def solution(
     ValueError
         If the two sides separate and leave a vacuum.
     """
-    pressure = _root(lambda p: _jump(p, left, gamma) + _jump(p, right, gamma) + right[2] - left[2], left[1], right[1])
-    velocity = 0.5 * (left[2] + right[2] + _jump(pressure, right, gamma) - _jump(pressure, left, gamma))
+    pressure = _root(
+        lambda p: _change(p, left, gamma) + _change(p, right, gamma) + right[2] - left[2],
+        left[1],
+        right[1],
+    )
+    velocity = 0.5 * (left[2] + right[2] + _change(pressure, right, gamma) - _change(pressure, left, gamma))
     speed = np.asarray(x, dtype=float) / time
     # The right side is a mirror image of the left side.
-    west = _side(speed, left, pressure, velocity, gamma)
+    west = _left_of_contact(speed, left, pressure, velocity, gamma)
     mirrored = (right[0], right[1], -right[2])
-    east = _side(-speed, mirrored, pressure, -velocity, gamma)
+    east = _left_of_contact(-speed, mirrored, pressure, -velocity, gamma)
     east = Flow(east.density, -east.velocity, east.pressure)
     return Flow(*(np.where(speed < velocity, w, e) for w, e in zip(west, east, strict=True)))
 
@@ -108,16 +112,16 @@ def isothermal_solution(
     star = _root(lambda r: jump(r, left[0]) + jump(r, right[0]) + right[1] - left[1], left[0], right[0])
     velocity = 0.5 * (left[1] + right[1] + jump(star, right[0]) - jump(star, left[0]))
     speed = np.asarray(x, dtype=float) / time
-    west = _isothermal_side(speed, left[0], left[1], star, velocity, c)
-    mirrored = _isothermal_side(-speed, right[0], -right[1], star, -velocity, c)
+    west = _isothermal_left_of_contact(speed, left[0], left[1], star, velocity, c)
+    mirrored = _isothermal_left_of_contact(-speed, right[0], -right[1], star, -velocity, c)
     density = np.where(speed < velocity, west[0], mirrored[0])
     return Flow(density, np.where(speed < velocity, west[1], -mirrored[1]), c**2 * density)
 
 
 def _root(balance: Callable[[float], float], left: float, right: float) -> float:
-    """Return the zero of a function that rises with its positive argument.
+    """Return the zero of the rising function `balance`; `left` and `right` are the first bracket.
 
-    Raises ValueError if there is none above 0, as for states that separate.
+    Raises ValueError if there is no zero above 0, as for states that separate.
     """
     low, high = min(left, right), max(left, right)
     while balance(low) > 0:
@@ -129,7 +133,7 @@ def _root(balance: Callable[[float], float], left: float, right: float) -> float
     return float(brentq(balance, low, high, xtol=1e-300, rtol=1e-15)) if high > low else low
 
 
-def _jump(p: float, side: tuple[float, float, float], gamma: float) -> float:
+def _change(p: float, side: tuple[float, float, float], gamma: float) -> float:
     """Return f_s(p), eqs. (4.6) and (4.7)."""
     density, pressure, _ = side
     if p > pressure:
@@ -139,7 +143,7 @@ def _jump(p: float, side: tuple[float, float, float], gamma: float) -> float:
     return 2 * sound / (gamma - 1) * ((p / pressure) ** ((gamma - 1) / (2 * gamma)) - 1)
 
 
-def _side(
+def _left_of_contact(
     speed: np.ndarray,
     side: tuple[float, float, float],
     star_pressure: float,
@@ -172,7 +176,7 @@ def _side(
     return Flow(*(np.where(speed < head, u, np.where(speed < tail, f, s)) for u, f, s in parts))
 
 
-def _isothermal_side(
+def _isothermal_left_of_contact(
     speed: np.ndarray, density: float, velocity: float, star: float, star_velocity: float, c: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return density and velocity left of the contact at speeds x/t (n,)."""

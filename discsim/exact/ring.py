@@ -43,14 +43,14 @@ def radial_acceleration(radius: Array, ring: Array, height: float = 0.0) -> Arra
 
 
 def beyond(radius: Array, cut: float, surface_density: Callable[[Array], Array], height: float = 0.0) -> Array:
-    """Return the radial acceleration by the part of an infinite disc beyond a radius; G = 1.
+    """Return the radial acceleration by the part of an infinite disc outside the radius `cut`; G = 1.
 
     Parameters
     ----------
     radius : ndarray, shape (n,)
         Radius r, above 0 and below `cut`.
     cut : float
-        Radius at which the part begins.
+        Inner radius of this part.
     surface_density : callable (radius)
         Return the surface density at radii; s^2 times its value must be bounded as s goes to infinity.
     height : float

@@ -130,7 +130,7 @@ def similarity(x: Array, gamma: float) -> tuple[Array, Array, Array]:
         Velocity, density and pressure.
     """
     at = np.log(np.maximum(x, INNERMOST))
-    ratio, density, pressure, _ = _integral(gamma).sol(at)
+    ratio, density, pressure, _ = _similarity_solution(gamma).sol(at)
     inside = np.log(np.maximum(x, 1e-300)) - at
     return x * ratio, np.exp(density + 2.0 / (gamma - 1.0) * inside), np.exp(pressure)
 
@@ -148,14 +148,14 @@ def alpha(gamma: float) -> float:
     float
         alpha.
     """
-    _, _, pressure, above = _integral(gamma).y[:, -1]
+    _, _, pressure, above = _similarity_solution(gamma).y[:, -1]
     # Within INNERMOST Q / (gamma - 1) is constant, and the kinetic energy of the thin gas is negligible.
     below = 0.5 * np.exp(pressure) / (gamma - 1.0) * INNERMOST**2
     return float(0.5 * np.pi * (below - above))
 
 
 @cache
-def _integral(gamma: float) -> Any:
+def _similarity_solution(gamma: float) -> Any:
     """Integrate V/x, ln G, ln Q and the integral of (4) inwards from the shock in ln x, in which all are smooth."""
 
     def slopes(log_x: float, y: Array) -> list[float]:

@@ -2,8 +2,8 @@
 
     omega^2 = c_s^2 k^2 - 2 pi G Sigma k exp(-k e)                                                    (1)
 
-where exp(-k e) is the Fourier transform of the Plummer kernel 1/sqrt(r^2 + e^2): softening replaces the field of the
-sheet by that at the height e.
+where the factor exp(-k e) is that of the Plummer softening e: softening replaces the field of the sheet by the field at
+the height e.
 """
 
 from __future__ import annotations

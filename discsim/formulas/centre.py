@@ -1,10 +1,11 @@
-"""Central mass of a disc, and the orbital frequency and temperature that follow from it.
+"""Central mass M of a disc, and the orbital frequency and temperature that follow from it.
 
-    Omega_K = [G M / (r^2 + s^2)^(3/2)]^(1/2),     s the star's softening                                      (1)
-    c_T     = (H/r)_0 (G M / r_0)^(1/2) at r_0,    M at the start: starlight keeps it while the star grows      (2)
+    Omega_K = [G M / (r^2 + s^2)^(3/2)]^(1/2)      at radius r, with the softening s of the star               (1)
+    c_T     = (H/r)_0 (G M / r_0)^(1/2)            at radius r_0, with the initial M                           (2)
 
-M is the mass of the star, with its accreted mass if it grows. About the barycentre it includes the full mass of each
-bound companion, even during a ramp.
+M is the mass of the star, with the accreted mass if the star grows. In a disc about the barycentre, M includes the full
+mass of each bound companion, even during a ramp. In (2) M stays the initial mass, so that a growing star does not
+change the temperature.
 """
 
 from __future__ import annotations
@@ -18,15 +19,15 @@ LEAST = 1e-200  # lower bound of r^2 + s^2, which keeps eq. (1) finite at the ce
 
 
 def central(about: str, eccentricities: Iterable[float]) -> Array:
-    """Return which bodies are part of the central mass, bool (n,).
+    """Return a mask (n,) of the bodies that are part of the central mass: the star, then each companion.
 
-    They are the star, and if `about` is "barycentre" the bound companions too.
+    about: centre of the disc, "star" or "barycentre"; only "barycentre" includes bound companions.
     """
     return np.array([True, *(about == "barycentre" and e < 1.0 for e in eccentricities)])
 
 
 def omega(mass: float, radius: Array | float, softening: float) -> Array:
-    """Return the orbital frequency (n,) of circles about a central mass, eq. (1)."""
+    """Return the frequency (n,) of circular orbits about a central mass, eq. (1)."""
     return np.sqrt(mass / np.maximum(np.square(radius) + softening**2, LEAST) ** 1.5)
 
 

@@ -1,6 +1,7 @@
-"""Growth rate of the largest grains at a place, and the division of dust mass into small and grown dust.
+"""Growth rate of the largest grains in given gas, and the division of dust mass into small and grown dust.
 
-    n(a) ~ a^-3.5 from a_min to a_r; small dust has a < a_*, grown dust has a > a_*:
+Sizes a have the distribution n(a) ~ a^-3.5 from a_min to a_r. Small dust has a < a_*, grown dust has a > a_*:
+
     Sigma_small / Sigma_d = (sqrt(a_*) - sqrt(a_min)) / (sqrt(a_r) - sqrt(a_min))                               (1)
     da_r/dt = rho_d v_rel / rho_s                                                                               (2)
     rho_d   = [Sigma_small / H + Sigma_grown / H_d] / sqrt(2 pi),   H_d = H sqrt(alpha / (alpha + St))          (3)
@@ -22,12 +23,12 @@ THINNEST = 1e-3  # lower bound of H_d / H: a settled layer stirs itself, and (3)
 
 
 def small_share(size: float, small: float, smallest: float) -> float:
-    """Return the mass fraction of dust smaller than `small`, if the largest grains have `size` >= `small`; eq. (1)."""
+    """Return the mass fraction of small dust, eq. (1); size: a_r >= a_*, small: a_*, smallest: a_min."""
     return (math.sqrt(small) - math.sqrt(smallest)) / (math.sqrt(size) - math.sqrt(smallest))
 
 
 def layer(stokes: float, alpha: float) -> float:
-    """Return H_d / H of grains, eq. (3)."""
+    """Return H_d / H, the relative thickness of the layer of grains, eq. (3)."""
     return max(math.sqrt(alpha / (alpha + stokes)), THINNEST)
 
 
@@ -37,7 +38,7 @@ def midplane_density(small: float, grown: float, height: float, stokes: float, a
 
 
 def relative_speed(stokes: float, alpha: float, sound: float, headwind: float) -> float:
-    """Return v_rel of grains with a Stokes number, eq. (4); headwind: eta v_K."""
+    """Return v_rel of grains, eq. (4); stokes: St, sound: c_s, headwind: eta v_K."""
     whole, half = 1.0 / (1.0 + stokes * stokes), 1.0 / (1.0 + 0.25 * stokes * stokes)
     turbulent = 3.0 * alpha * sound * sound * stokes * whole
     radial, azimuthal = headwind * stokes * (2.0 * whole - half), headwind * (whole - half)
@@ -45,7 +46,7 @@ def relative_speed(stokes: float, alpha: float, sound: float, headwind: float) -
 
 
 def fragmentation_size(density: float, speed: float, alpha: float, sound: float, material: float) -> float:
-    """Return a_frag in gas of a surface density, eq. (6); inf without turbulence. speed: v_frag, material: rho_s."""
+    """Return a_frag, eq. (6); inf without turbulence. density: Sigma_g, speed: v_frag, sound: c_s, material: rho_s."""
     if speed == 0.0:
         return 0.0
     pull = 3.0 * math.pi * material * alpha * sound * sound

@@ -19,14 +19,14 @@ these functions.
 import math
 from collections.abc import Sequence
 
-# Forms of the stopping time. Several laws may share a form, with different values.
+# Forms of drag laws. Several laws of [drag] may share a form.
 CONSTANT, STOPPING_TIME, STOKES_NUMBER, EPSTEIN, EPSTEIN_STOKES = range(5)
 # Indices of a grain's parameters: K, t_stop, St or s rho_s c_s / c; factor of w^2 / c_s^2 in (2); s; mean free column;
 # c / c_s.
 VALUE, SUPERSONIC, SIZE, COLUMN, THERMAL = range(5)
 KWOK = 9.0 * math.pi / 128.0
-RAM = 0.44 / 24.0  # in (4), turbulent drag over Stokes drag is RAM Re
-TURBULENT = RAM ** (-2.0 / 3.0)  # value of the max in (4) above which its turbulent term is the largest
+RAM = 0.44 / 24.0  # the last term of (4), turbulent drag over Stokes drag, is RAM Re
+TURBULENT = RAM ** (-2.0 / 3.0)  # value of the maximum in (4) above which it is the last term
 
 
 def volume_density(density: float, sound: float, omega: float) -> float:
@@ -36,7 +36,11 @@ def volume_density(density: float, sound: float, omega: float) -> float:
 def stopping_time(
     law: int, grain: Sequence[float], mass_ratio: float, density: float, sound: float, omega: float
 ) -> float:
-    """Return the stopping time of dust at zero slip; `grain` (5,) has its parameters, rho_d = mass_ratio density."""
+    """Return the stopping time of dust at zero slip.
+
+    law: form. grain (5,): parameters, with the indices VALUE to THERMAL. mass_ratio: rho_d / rho_g. density, sound,
+    omega: density, thermal speed and orbital frequency of the gas; density is Sigma if omega > 0, else rho_g.
+    """
     value = grain[VALUE]
     if law == CONSTANT:
         return mass_ratio * density / value
@@ -53,7 +57,10 @@ def stopping_time(
 
 
 def quickening(law: int, grain: Sequence[float], density: float, sound: float, omega: float) -> tuple[float, float]:
-    """Return the coefficients of w^2 by which drag grows with slip: that of (2), or Re^2 / w^2 in the regime of (4)."""
+    """Return (mach2, reynolds2), the coefficients of w^2 by which the drag rate grows with the slip w.
+
+    mach2: factor of w^2 in eq. (2). reynolds2: Re^2 / w^2 where eq. (3) applies, else 0.
+    """
     if law == EPSTEIN_STOKES:
         path = grain[COLUMN] / volume_density(density, sound, omega)
         if 9.0 * path < 4.0 * grain[SIZE]:
@@ -63,7 +70,10 @@ def quickening(law: int, grain: Sequence[float], density: float, sound: float, o
 
 
 def hastened(mach2: float, reynolds2: float, slip2: float) -> float:
-    """Return the drag rate at slip^2 over that at zero slip, eqs. (2) and (4), from the results of `quickening`."""
+    """Return the ratio of the drag rate at the squared slip `slip2` to that at zero slip, eqs. (2) and (4).
+
+    mach2, reynolds2: results of `quickening`.
+    """
     if reynolds2 > 0.0:
         square = reynolds2 * slip2
         return max(square**0.2, RAM * math.sqrt(square)) if square > 1.0 else 1.0
@@ -71,18 +81,21 @@ def hastened(mach2: float, reynolds2: float, slip2: float) -> float:
 
 
 def steepness(mach2: float, reynolds2: float, slip2: float, fast: float) -> float:
-    """Return d ln H / d ln w of the factor H = `fast` from `hastened`."""
+    """Return d ln F / d ln w of the factor F = `fast`, the result of `hastened`, for slip w."""
     if reynolds2 > 0.0:
         return 1.0 if fast > TURBULENT else 0.4 if fast > 1.0 else 0.0
     return mach2 * slip2 / (fast * fast)
 
 
 def unhastened(mach2: float, reynolds2: float, slip2: float) -> bool:
-    """Return whether slips up to slip^2 leave the drag unchanged: to rounding in (2), and with Re <= 1 in (4)."""
+    """Return whether drag is linear for all slips with squares up to `slip2`.
+
+    The factor of eq. (2) is then 1 to rounding, and Re in eq. (4) is at most 1. mach2, reynolds2: from `quickening`.
+    """
     return mach2 * slip2 < 1e-16 and reynolds2 * slip2 <= 1.0
 
 
 def hastening(law: int, grain: Sequence[float], density: float, sound: float, omega: float, speed: float) -> float:
-    """Return the drag rate at a slip `speed` over that at zero slip, for a law, a grain and the gas at a place."""
+    """Return the ratio of the drag rate at the slip `speed` to that at zero slip; arguments as in `stopping_time`."""
     mach2, reynolds2 = quickening(law, grain, density, sound, omega)
     return hastened(mach2, reynolds2, speed * speed)

@@ -21,5 +21,5 @@ BELL_LIN = (
     (0.348, 0.0, 0.0),
 )  # (k, a, b) in the order of rising temperature
 METALS = 2e17 ** (1.0 / 7.5)  # K, above which metal grains dominate over evaporating ice: 2e16 T^-7 = 0.1 T^(1/2)
-# g/cm3, lower bound of rho in kappa: at it metal grains still evaporate after the ice. Such gas is transparent.
+# g/cm3, lower bound of rho in kappa: at this density metal grains still evaporate after ice, and gas is transparent.
 THINNEST = 1e-24

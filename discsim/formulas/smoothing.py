@@ -14,17 +14,17 @@ class Smoothing(NamedTuple):
     support : float
         Support radius in h.
     squeezed : float
-        Value of h over the h of the same kernel in its usual definition.
+        Ratio of h to the usual definition of h for this kernel.
     norm : (float, float)
         sigma.
     eta : (float, float)
-        Default of h = eta (m/rho)^(1/d), for which sound on an even lattice has the right speed.
+        Default of eta in h = eta (m/rho)^(1/d), for which sound on a regular lattice has the right speed.
     least_eta : (float, float)
-        [W(0) h^d]^(1/d), the least eta. With less, a particle's own density suffices at any h, and h falls to 0.
+        [W(0) h^d]^(1/d), the lower bound of eta. Below it, the equation for h has no solution, and h falls to 0.
     mean_q : (float, float)
         Moments <q> and <q^2> of W in two dimensions.
     fastest : (float, float)
-        Largest frequency of sound on a lattice of particles, in c_s / h with the usual definition of h.
+        Largest angular frequency of sound on a lattice of particles, in c_s / h with the usual definition of h.
     noise : float
         Viscosity by particle noise in the shear of a disc with 36 neighbours, in c_s h; a fit to the rings of
         `analysis/noise.py`.
@@ -40,7 +40,7 @@ class Smoothing(NamedTuple):
     noise: float
 
     def neighbours(self, eta: float) -> float:
-        """Return the number of neighbours in even gas in two dimensions."""
+        """Return the number of neighbours of a particle in uniform gas in two dimensions."""
         return math.pi * (self.support * eta) ** 2
 
 

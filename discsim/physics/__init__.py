@@ -1,1 +1,1 @@
-"""Physics as functions of a scene: equations of state, laws of the drag, profiles of discs, orbits."""
+"""Physics as functions of a scene: equations of state, drag laws, profiles of discs, orbits."""

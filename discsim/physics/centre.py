@@ -1,4 +1,4 @@
-"""Central mass of a scene's disc, and frequencies of circles about it (`formulas/centre.py`). Numpy only."""
+"""Central mass of a scene's disc, and orbital frequencies about it (`formulas/centre.py`). Numpy only."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Array = np.ndarray
 
 
 def central(scene: Scene) -> Array:
-    """Return which bodies are part of the disc's central mass: bool (n,), the star first."""
+    """Return a mask (n,) of the bodies that are part of the central mass of the disc: the star, then companions."""
     star: Any = scene.star
     return centre.central(star.centre, [c.eccentricity for c in scene.table("companion") or ()])
 
@@ -28,20 +28,23 @@ def central_mass(scene: Scene) -> float:
 
 
 def kepler_omega(scene: Scene, r: Array | float, mass: float | None = None) -> Array:
-    """Return the orbital frequency (n,) of circles of radius `r` (n,) about `mass`, by default that of the start."""
+    """Return the frequency (n,) of circular orbits at radius `r` (n,).
+
+    mass: central mass, by default the initial one.
+    """
     star: Any = scene.star
     return centre.omega(central_mass(scene) if mass is None else mass, r, star.softening)
 
 
 def star_pull(scene: Scene, r: Array) -> Array:
-    """Return the inward acceleration (n,) at radius `r` (n,) by the star alone at the centre.
+    """Return the inward acceleration (n,) by the star at distance `r` (n,) from it.
 
-    Radiation pressure is a multiple of this acceleration.
+    The acceleration by radiation pressure is proportional to it.
     """
     star: Any = scene.star
     return np.asarray(star.mass * r / (r**2 + star.softening**2) ** 1.5)
 
 
 def passive_speed(scene: Scene, aspect_ratio: float, r: float) -> float:
-    """Return the isothermal sound speed at radius `r` of a disc with that H/r there."""
+    """Return the isothermal sound speed at radius `r` in a disc that has H/r = `aspect_ratio` there."""
     return centre.passive_speed(central_mass(scene), aspect_ratio, r)

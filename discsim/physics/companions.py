@@ -1,10 +1,10 @@
-"""Effects of companions of the star on a disc: softening, ramp, mean pull, gap. Numpy only.
+"""Companions as functions of a scene: softening, ramp, mean pull on the disc, gap, time-step limits. Numpy only.
 
 The inward acceleration of a ring of radius r by a companion of mass m at distance a, averaged over its orbit, is
 
     g(r) = m < (r - a cos phi) / (r^2 + a^2 - 2 r a cos phi + eps^2)^(3/2) >_phi                              (1)
 
-The gap number and the depth of the gap are (Kanagawa et al. 2015)
+with the softening eps and the average < > over phi. The gap number and the depth of the gap are (Kanagawa et al. 2015)
 
     K = q^2 (H/r)^-5 / alpha,   Sigma / Sigma_0 = 1 / (1 + 0.04 K)                                              (2)
 """
@@ -29,19 +29,19 @@ if TYPE_CHECKING:
 Array = np.ndarray
 orbits = Lazy("discsim.physics.orbits")
 viscosity = Lazy("discsim.physics.viscosity")
-ANGLES = 2048  # angles of the average (1) over an orbit: 12 within a softening of 0.02 a
-RADII = 4096  # radii at which (1) is tabulated for linear interpolation
-PLANET = 0.03  # companion mass over that of the star from which on it counts as a star
+ANGLES = 2048  # number of angles in the average (1): 12 within a softening of 0.02 a
+RADII = 4096  # number of radii at which (1) is tabulated for linear interpolation
+LARGEST_PLANET = 0.03  # ratio of companion mass to stellar mass above which a companion counts as a second star
 # Distance of the nearest particle beyond the accretion radius, in particle spacings of the disc: in streams to a
 # second star, for a planet next to a disc, and for a planet inside the disc.
-STREAM, PASSING, EMBEDDED = 2.0, 1.2, 0.5
-OVERLAP, CAVITY = 1.3, 0.65  # reach of a planet, and of a second star, in (m / (M + m))^(2/7) a
+SPACINGS_STREAM, SPACINGS_PASSING, SPACINGS_EMBEDDED = 2.0, 1.2, 0.5
+OVERLAP, CAVITY = 1.3, 0.65  # distance from the orbit, in (m / (M + m))^(2/7) a, at which particles reach a companion
 
 
 def ramped(companion: Any, time: float) -> float:
     """Return the fraction of a companion's mass that gas and dust feel: sin^2(pi t / 2 ramp) until `ramp`, then 1.
 
-    time: since the companion was introduced.
+    time: time t since the companion was added to the run.
     """
     if time >= companion.ramp:
         return 1.0
@@ -49,18 +49,18 @@ def ramped(companion: Any, time: float) -> float:
 
 
 def scale_height(scene: Scene, r: Array | float, mass: float | None = None) -> Array:
-    """Return H = c_T / Omega (n,) at radius r by the scene's temperature; a polytrope of particles does not give one.
+    """Return H = c_T / Omega (n,) at radius `r` (n,) from the temperature of the scene; not for polytropic particles.
 
-    mass: central mass, by default that of the start.
+    mass: central mass, by default the initial one.
     """
     r = np.asarray(r, dtype=float)
     return profile.thermal_speed(scene, r) / kepler_omega(scene, r, mass)
 
 
 def softening(scene: Scene, companion: Any, r: float, mass: float | None = None) -> float:
-    """Return the Plummer softening of a companion at distance r from the centre: given, or a multiple of H there.
+    """Return the Plummer softening of a companion at distance `r` from the centre: a fixed length, or a multiple of H.
 
-    mass: central mass of H, as in `scale_height`.
+    mass: central mass for H, as in `scale_height`.
     """
     number, in_heights = companion.softening
     return number * float(scale_height(scene, r, mass)) if in_heights else number
@@ -80,7 +80,7 @@ def period(scene: Scene, companion: Any) -> float:
 
 
 def gap_number(scene: Scene, companion: Any) -> float:
-    """Return K of eq. (2) in gas with a physical viscosity."""
+    """Return the gap number K of eq. (2), with alpha of [alpha_viscosity]."""
     star: Any = scene.star
     a = companion.semi_major_axis
     height = float(scale_height(scene, a))
@@ -90,9 +90,10 @@ def gap_number(scene: Scene, companion: Any) -> float:
 
 
 def step_of_orbit(scene: Scene, companion: Any, time: float) -> Array | float:
-    """Return (r^3 / mu)^(1/2) at the companion's present distance; on a bound eccentric orbit (PHASES,) of such values.
+    """Return 1 / Omega = (r^3 / mu)^(1/2) of a companion, with r its distance from the star and mu the sum of masses.
 
-    The latter are at even times of half an orbit, by symmetry all of it.
+    An unbound companion has its distance at `time`. A bound eccentric orbit has an array (PHASES,) of values at
+    equidistant times in half an orbit, which represent the other half too.
     """
     star: Any = scene.star
     a, e, mu = companion.semi_major_axis, companion.eccentricity, star.mass + companion.mass
@@ -107,14 +108,14 @@ def step_of_orbit(scene: Scene, companion: Any, time: float) -> Array | float:
 
 
 def encounter_limits(scene: Scene, outlook: Outlook) -> list[float]:
-    """Return the time-step limit of each companion by the nearest particle; inf if no particle comes near.
+    """Estimate the time-step limit of each companion by its nearest particle; inf if no particle comes near.
 
-    The particle crosses the distance d, which includes the softening, at (2 G m / d)^(1/2). Velocities lag by half a
-    step, which adds a speed of Omega^2 a dt / 2.
+    The limit is the time in which the particle crosses the softened distance d at the speed (2 G m / d)^(1/2). As
+    velocities are half a step behind positions, the speed Omega^2 a dt / 2 is added.
     """
     found = []
     for companion in scene.table("companion") or ():
-        mass, away = companion.mass * ramped(companion, outlook.time), _nearest(scene, companion, outlook)
+        mass, away = companion.mass * ramped(companion, outlook.time), _nearest_distance(scene, companion, outlook)
         fallen = math.sqrt(2.0 * mass / away)
         behind = 0.5 * scene.run.courant * orbits.IN_KICKS * scene.star.mass / companion.semi_major_axis**2
         near = mass > 0.0 and away < math.inf
@@ -123,45 +124,50 @@ def encounter_limits(scene: Scene, outlook: Outlook) -> list[float]:
 
 
 def fastest_in_softening(scene: Scene, outlook: Outlook) -> tuple[float, int]:
-    """Return the largest frequency (2 G m / d^3)^(1/2) of gas that collects in a companion's softening, and its number.
+    """Return the largest frequency (2 G m / d^3)^(1/2) of gas within the softening of a companion, and its number.
 
-    Return (0, 0) if no companion has an accretion radius below its softening.
+    d is the softened distance of the nearest particle, and the first companion has the number 1. Returns (0, 0) if no
+    companion has an accretion radius below its softening.
     """
     found = [(0.0, 0)]
     for k, companion in enumerate(scene.table("companion") or (), 1):
-        away = _nearest(scene, companion, outlook)
-        if _edge(companion) < softening(scene, companion, companion.semi_major_axis):
+        away = _nearest_distance(scene, companion, outlook)
+        if _cleared_radius(companion) < softening(scene, companion, companion.semi_major_axis):
             found.append((math.sqrt(2.0 * companion.mass * ramped(companion, outlook.time) / away**3), k))
     return max(found)
 
 
-def _edge(companion: Any) -> float:
-    """Return the radius about a companion without particles: that of accretion; 0 if its accretion rate is limited."""
+def _cleared_radius(companion: Any) -> float:
+    """Return the radius of the region around a companion without particles.
+
+    It is the accretion radius, or 0 if accretion takes time (accretion_rate).
+    """
     return float(companion.accretion_radius) if companion.accretion_rate is None else 0.0
 
 
-def _nearest(scene: Scene, companion: Any, outlook: Outlook) -> float:
+def _nearest_distance(scene: Scene, companion: Any, outlook: Outlook) -> float:
     """Return the softened distance of the particle nearest to a companion; inf if none comes near."""
     if not particles_reach(scene, companion, outlook):
         return math.inf
     a, e = companion.semi_major_axis, companion.eccentricity
     beside = e < 1.0 and not (outlook.inner <= a * (1.0 + e) and outlook.outer >= a * (1.0 - e))
-    spacings = STREAM if is_star(scene, companion) else PASSING if beside else EMBEDDED
-    return math.hypot(_edge(companion) + spacings * outlook.spacing(a), softening(scene, companion, a))
+    spacings = SPACINGS_STREAM if is_star(scene, companion) else SPACINGS_PASSING if beside else SPACINGS_EMBEDDED
+    return math.hypot(_cleared_radius(companion) + spacings * outlook.spacing(a), softening(scene, companion, a))
 
 
 def is_star(scene: Scene, companion: Any) -> bool:
-    """Return whether a companion is a star, for which Hill radius and gap have no meaning."""
+    """Return whether a companion is massive enough to count as a star. Hill radius and gap are defined for planets."""
     star: Any = scene.star
-    return bool(companion.mass >= PLANET * star.mass)
+    return bool(companion.mass >= LARGEST_PLANET * star.mass)
 
 
 def particles_reach(scene: Scene, companion: Any, outlook: Outlook) -> bool:
-    """Return whether particles come near a companion.
+    """Return whether particles come near a companion by the time of `outlook`.
 
-    Resonances overlap within 1.3 (m / (M + m))^(2/7) a of the orbit (Wisdom 1980). A second star keeps a cavity open:
-    half that width on a circle, more on an eccentric orbit. Particles next to the orbit come near after half a period
-    of a planet, or one of a star.
+    Particles come near a planet from within 1.3 (m / (M + m))^(2/7) a of its orbit, where resonances overlap (Wisdom
+    1980). A second star clears a cavity: for it the distance is half as large on a circular orbit, and larger by the
+    factor 1 + 2 e on an eccentric one. If the disc lies wholly inside or outside the orbit, its particles need half an
+    orbital period to come near a planet, and a full period for a star.
     """
     star: Any = scene.star
     a, e = companion.semi_major_axis, companion.eccentricity
@@ -176,27 +182,28 @@ def particles_reach(scene: Scene, companion: Any, outlook: Outlook) -> bool:
 
 
 def mean_pull(scene: Scene, radius: Array) -> Array:
-    """Return the inward acceleration (n,) at `radius` (n,) that companions add at t = 0 to a central star, eq. (1).
+    """Return the inward acceleration (n,) at `radius` (n,) that companions cause at t = 0 in the mean, eq. (1).
 
-    If the disc is about the barycentre, the star is on a circle too; the result includes the difference. A companion
-    with a ramp then acts with its whole mass at the barycentre; about the star it does not act at all. Orbits count as
-    circles of their semi-major axis; unbound companions have no mean pull.
+    It is to be added to the acceleration by a star at the centre. Orbits are treated as circles with the semi-major
+    axis as radius, and unbound companions have no mean pull. If the centre of the disc is the barycentre, the star too
+    moves on a circle; the result includes the change of its pull, and a companion with a ramp acts with its full mass
+    at the barycentre. If the centre is the star, a companion with a ramp does not act.
     """
     radius = np.asarray(radius, dtype=float)
-    rings = list(_rings(scene))
+    rings = list(_mean_rings(scene))
     if not rings or radius.size == 0:
         return np.zeros_like(radius)
     at = np.linspace(radius.min(), radius.max(), RADII) if np.ptp(radius) > 0.0 else radius.ravel()[:1]
     total = np.zeros_like(at)
     for mass, distance, length in rings:
-        total += mass * _of_ring(at, distance, length)
+        total += mass * _pull_of_ring(at, distance, length)
     return np.interp(radius, at, total)
 
 
-def _rings(scene: Scene) -> Any:
-    """Yield mass, radius and softening of rings with the mean pull of companions.
+def _mean_rings(scene: Scene) -> Any:
+    """Yield (mass, radius, softening) of rings that have the mean pull of companions.
 
-    For a star on a circle, rings with its mean pull less that of a star at the centre are added.
+    For a star that moves on a circle, a ring for the star and a negative mass at the centre are added.
     """
     star: Any = scene.star
     for companion, central in zip(scene.table("companion") or (), centre.central(scene)[1:].tolist(), strict=True):
@@ -214,8 +221,8 @@ def _rings(scene: Scene) -> Any:
             yield -star.mass, 0.0, star.softening
 
 
-def _of_ring(r: Array, distance: float, length: float) -> Array:
-    """Return eq. (1) (n,) for unit mass."""
+def _pull_of_ring(r: Array, distance: float, length: float) -> Array:
+    """Return the acceleration (n,) of eq. (1) at radius `r` (n,), for m = 1, a = `distance` and eps = `length`."""
     if distance == 0.0:
         return r / (r * r + length * length) ** 1.5
     out = np.zeros_like(r)

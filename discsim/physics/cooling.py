@@ -1,6 +1,7 @@
-"""Target energy, time and radiative constants of cooling gas, in code units.
+"""Target energy, cooling time and radiative constants of cooling gas, in code units.
 
-The target is that of a passive disc, u = (H/r)^2 (G M / r) / (gamma - 1), H/r ~ r^((1 - q)/2).
+The target energy is that of a disc heated only by the star, u = (H/r)^2 (G M / r) / (gamma - 1), with
+H/r ~ r^((1 - q)/2).
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ Array = np.ndarray
 
 
 def passive_law(scene: Scene) -> Array:
-    """Return (u, q, least r^2) of the target energy u r^-q, u at radius 1; q = 0 if the target is uniform.
+    """Return (u_1, q, r2_min) of the target energy u = u_1 max(r^2, r2_min)^(-q/2); q = 0 if it is uniform.
 
     Keys of [cooling] take precedence over those of gas.eos.
     """
@@ -40,7 +41,7 @@ def passive_energy(scene: Scene, r: Array) -> Array:
 
 
 def cooling_time(scene: Scene, r: Array) -> Array:
-    """Return t_cool (n,) at radius `r` (n,) for the kinds of cooling with a time."""
+    """Return t_cool (n,) at radius `r` (n,) for the kinds "beta" and "constant"."""
     own: Any = scene.cooling
     r = np.asarray(r, float)
     return own.beta / kepler_omega(scene, r) if own.kind == "beta" else np.full(r.shape, own.t_cool)
@@ -49,8 +50,8 @@ def cooling_time(scene: Scene, r: Array) -> Array:
 def radiative_constants(scene: Scene) -> Array:
     """Return the constants (5,) of radiative cooling.
 
-    In order: 2 sigma (T/u)^4 in code units; the code unit of volume density in g/cm3; c_T^2 / u with the isothermal
-    sound speed c_T; T/u in K; 1 cm2/g in code units.
+    In this order: 2 sigma (T/u)^4 in code units; the code unit of volume density in g/cm3; c_T^2 / u with the
+    isothermal sound speed c_T; T/u in K per code unit; 1 cm2/g in code units.
     """
     from discsim.scene.astropy_units import constants
 
@@ -72,5 +73,8 @@ def radiative_constants(scene: Scene) -> Array:
 
 
 def effective_depth(tau: Array) -> Array:
-    """Return tau_eff (n,) of a disc with its midplane at optical depth `tau` (n,) (Hubeny 1990, ApJ 351, 632)."""
+    """Return the effective optical depth (n,) of a disc whose midplane has the optical depth `tau` (n,).
+
+    The formula is that of Hubeny (1990, ApJ 351, 632).
+    """
     return 0.375 * tau + 0.25 * math.sqrt(3.0) + 0.25 / tau

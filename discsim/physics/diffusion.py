@@ -20,17 +20,17 @@ if TYPE_CHECKING:
     from discsim.scene import Scene
 
 Array = np.ndarray
-NODES, INWARDS = 4096, 1e5  # nodes of the table in ln r; largest over smallest radius
+NODES, INWARDS = 4096, 1e5  # number of nodes of the table in ln r; ratio of its largest to its smallest radius
 
 
 def of_viscosity(scene: Scene) -> bool:
-    """Return whether the diffusivity is taken from [alpha_viscosity]."""
+    """Return whether [alpha_viscosity] determines the diffusivity."""
     keys: Any = scene.table("dust_diffusion")
     return keys.alpha is None and keys.D is None
 
 
 def constant(scene: Scene) -> float | None:
-    """Return the given D, or the given uniform D_g; None if D_g is alpha c_s H."""
+    """Return D of [dust_diffusion], or nu of [alpha_viscosity] if this is D_g; None if D_g is alpha c_s H."""
     keys: Any = scene.table("dust_diffusion")
     return scene.table("alpha_viscosity").nu if of_viscosity(scene) else keys.D
 
@@ -42,9 +42,10 @@ def alpha(scene: Scene, r: Array) -> Array:
 
 
 def alpha_table(scene: Scene) -> tuple[Array, float, float]:
-    """Return a table (nodes, 2) of alpha and d alpha / d ln r at even ln r, the first ln r, and nodes per unit.
+    """Return (table, first, nodes) of alpha as a function of ln r.
 
-    The table is empty if the diffusivity is `constant`.
+    table (nodes, 2): alpha and d alpha / d ln r at equidistant ln r; empty if `constant` has a value. first: ln r of
+    the first node. nodes: number of nodes per unit of ln r.
     """
     if constant(scene) is not None:
         return np.empty((0, 2)), 0.0, 1.0
@@ -55,12 +56,12 @@ def alpha_table(scene: Scene) -> tuple[Array, float, float]:
 
 
 def frequency(scene: Scene) -> float:
-    """Return the uniform Omega of a layer; 0 if there is none, or a star."""
+    """Return the uniform Omega of a vertical layer; 0 without `external.vertical_frequency`, or with a star."""
     return scene.external.vertical_frequency if scene.star is None and scene.external is not None else 0.0
 
 
 def at_places(scene: Scene, at: Local) -> list[tuple[Array, Array]]:
-    """Return D and St (n,) of each population at the places of `at`; an empty list if they are not defined."""
+    """Return (D, St), arrays (n,) at the points of `at`, for each population; an empty list if they are undefined."""
     omega = at.omega
     if omega is None:
         omega = np.full_like(at.density, frequency(scene))

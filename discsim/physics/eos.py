@@ -5,8 +5,9 @@ locally-isothermal  P = c_s^2 rho,  c_s^2 = (H/r)_0^2 (G M / r_0) (r / r_0)^-q
 adiabatic           P = (gamma - 1) rho u,  c_s^2 = gamma P / rho
 polytropic          P = K rho^gamma,  c_s^2 = gamma P / rho
 
-c_s is the speed of sound waves. The thermal speed of any gas is c_T = sqrt(P / rho) = sqrt(k_B T / m), the isothermal
-sound speed: it sets the scale height H = c_T / Omega, the drag on grains, turbulent viscosities and temperatures.
+c_s is the speed of sound waves. The thermal speed, or isothermal sound speed, of any gas is c_T = sqrt(P / rho)
+= sqrt(k_B T / m). It determines the scale height H = c_T / Omega, the drag on grains, turbulent viscosities and
+temperatures.
 """
 
 from __future__ import annotations
@@ -57,7 +58,7 @@ class LocallyIsothermal(Table):
 
 
 class Adiabatic(Table):
-    """P = (gamma - 1) rho u; the start has the sound speed of one of the isothermal kinds."""
+    """P = (gamma - 1) rho u; the initial temperature is uniform or a power law of radius."""
 
     kind: Literal["adiabatic"] = "adiabatic"
     gamma: Number = Field(gt=1, le=MAX_GAMMA, description="ratio of specific heats")
@@ -97,38 +98,38 @@ def _one_temperature(draft: Draft) -> Iterator[Problem]:
         yield ("gas", "eos", "aspect_ratio"), "H/r needs a star; expected a table [star] too"
 
 
-def _q_of_the_mass(draft: Draft) -> Iterator[Problem]:
+def _q_without_mass(draft: Draft) -> Iterator[Problem]:
     if getattr(draft.initial, "toomre_q", None) is not None and draft.gas.eos.gamma == 3.0:
         wrong = "Toomre Q of a polytropic disc with gamma = 3 does not depend on its mass"
         yield ("initial", "toomre_q"), f"{wrong}; expected mass or surface_density"
 
 
-SqrtLaw = tuple[float, float, bool]  # c_s at a radius, that radius, and whether the square root of r is taken twice
-TWICE = {0.5: True, 1.0: False}  # the latter by q of c_s ~ r^(-q/2)
+SqrtLaw = tuple[float, float, bool]  # c_s at a reference radius, this radius, and whether c_s ~ r^(-1/4), else r^(-1/2)
+TWICE = {0.5: True, 1.0: False}  # the last entry of `SqrtLaw`, by q in c_s ~ r^(-q/2)
 
 
 class Eos:
-    """Base class of equations of state: P = c_s^2 rho with c_s a function of radius. Subclasses override methods.
+    """Equation of state P = c_s^2 rho with c_s a function of radius, and base class of all others.
 
-    In all methods `r` is the radius (n,), `density` rho or Sigma (n,), and results are arrays (n,) unless noted, all in
-    code units. `eos` is the table of the scene with the keys below.
+    In all methods r (n,) is the radius, density (n,) is rho or Sigma, and eos is the table `gas.eos` of a scene.
+    Results are arrays (n,) in code units unless noted.
 
     Attributes
     ----------
     keys : type of Table
         Keys of `gas.eos` for this kind.
     holds_heat : bool
-        Whether the gas has a specific internal energy u that is integrated in time.
+        Whether the gas has an energy equation, for its specific internal energy u.
     closes_energy : bool
         Whether the total energy of a run is conserved.
     one_speed : bool
-        Whether the sound speed is uniform and constant, that of the table.
+        Whether the sound speed is the same everywhere and at all times.
     on_grid : bool
-        Whether fluids on a fixed grid support it.
+        Whether drag schemes on a fixed grid support it.
     takes_temperature : bool
-        Whether a start may set the temperature in place of the table.
+        Whether a start may define the temperature instead of the table.
     rules : tuple of Rule
-        Further rules for a scene with this equation of state.
+        Additional rules for a scene with this equation of state.
     """
 
     keys: type[Table]
@@ -140,15 +141,15 @@ class Eos:
     rules: tuple[Rule, ...] = ()
 
     def thermal_speed(self, scene: Scene, r: Array, density: Array | None = None) -> Array:
-        """Return sqrt(P / rho) by the temperature of the scene, which for adiabatic gas is the initial one.
+        """Return sqrt(P / rho) from the temperature of the scene, which for adiabatic gas is the initial one.
 
-        density: needed if the temperature depends on it.
+        density: needed only if the temperature depends on it.
         """
         own = _speed_of_start(scene, r) if self.takes_temperature else None
         return self.scene_speed(scene, r) if own is None else own
 
     def scene_speed(self, scene: Scene, r: Array) -> Array:
-        """Return sqrt(P / rho) by the temperature of the table, even if the start sets another one."""
+        """Return sqrt(P / rho) from the temperature of the table, even if the start defines another temperature."""
         return _speed_of_temperature(scene, r)
 
     def sound_speed(self, scene: Scene, r: Array, density: Array) -> Array:
@@ -160,7 +161,7 @@ class Eos:
         return self.sound_speed(scene, r, density)
 
     def start_speed(self, scene: Scene, r: Array | None, density: Array) -> Array | None:
-        """Return `wave_speed` at the start, or None if the table does not define it, for example without a radius."""
+        """Return the initial `wave_speed`, or None if the scene does not define it, for example without a radius."""
         eos: Any = scene.gas.eos
         if self.takes_temperature and r is not None and _speed_of_start(scene, r) is not None:
             return self.wave_speed(scene, r, density)
@@ -171,44 +172,44 @@ class Eos:
         return None
 
     def index(self, eos: Any) -> float | None:
-        """Return gamma of P = (gamma - 1) rho u, for snapshots; None if the gas has no such energy."""
+        """Return gamma for snapshots, for which P = (gamma - 1) rho u; None for isothermal gas."""
         return None
 
     def adiabatic_index(self, eos: Any, density: Array) -> Array | float:
-        """Return d ln P / d ln rho = rho c_s^2 / P, the squared ratio of c_s to thermal speed."""
+        """Return d ln P / d ln rho = rho c_s^2 / P, which is (c_s / c_T)^2."""
         return self.index(eos) or 1.0
 
     def pressure_and_sound_speed(
         self, scene: Scene, pos: Array, density: Array, u: Array | None
     ) -> tuple[Array, Array]:
-        """Return P and c_s from positions (n, d), densities and specific internal energies `u` (n,), if any."""
+        """Return P and c_s. pos (n, d): positions. u (n,): specific internal energies, or None."""
         speed = self.thermal_speed(scene, radius(pos))
         return speed * speed * density, speed
 
     def roots(self, scene: Scene) -> SqrtLaw | None:
-        """Return the arguments of `kernels.eos` if c_s is a constant times square roots of the radius, else None."""
+        """Return the law for the kernel of c_s ~ r^(-1/4) or r^(-1/2) (`kernels/sph/eos.py`); None for other gas."""
         return None
 
     def initial_energy(self, scene: Scene, r: Array) -> Array | None:
-        """Return the specific internal energy at the start; None for gas without u."""
+        """Return the initial specific internal energy; None for gas without energy equation."""
         return None
 
     def thermal_energy(self, eos: Any, mass: Array, density: Array, u: Array | None) -> float:
-        """Return the total thermal energy: of u if the gas has it, else the work of compression."""
+        """Return the total thermal energy: the sum of m u, or the work of compression for a polytrope, else 0."""
         return 0.0
 
     def toomre_power(self, eos: Any) -> float:
-        """Return n of Q ~ Sigma^-n at fixed radius."""
+        """Return n in Q ~ Sigma^-n, for Toomre's Q at a fixed radius."""
         return 1.0
 
     def temperature_slope(self, eos: Any) -> float:
-        """Return q of (1/Sigma) dP/dr = (d ln Sigma / d ln r - q) c_s^2 / r."""
+        """Return q in (1/Sigma) dP/dr = (d ln Sigma / d ln r - q) c_s^2 / r."""
         return eos.temperature_index if getattr(eos, "aspect_ratio", None) is not None else 0.0
 
     def power_law(self, scene: Scene, eos: Any, sigma: float, p: float) -> tuple[float, float, float]:
-        """Return (c_T^2 at radius 1, q, f) of a disc of this gas with Sigma = sigma r^-p about a star.
+        """Return (c_T^2 at radius 1, q, f) of a disc with Sigma = sigma r^-p about a star.
 
-        c_T^2 = P / Sigma ~ r^-q and P ~ r^-f, so that the pressure force is -(1/Sigma) dP/dr = f c_T^2 / r.
+        q and f are the exponents in c_T^2 = P / Sigma ~ r^-q and P ~ r^-f; -(1/Sigma) dP/dr = f c_T^2 / r.
         """
         return eos.sound_speed**2, 0.0, p
 
@@ -243,7 +244,7 @@ class LocallyIsothermalGas(Eos):
 
 
 class AdiabaticGas(Eos):
-    """P = (gamma - 1) rho u. `sound_speed` is the adiabatic one, `aspect_ratio` that of the isothermal sound speed."""
+    """P = (gamma - 1) rho u. The key sound_speed is the adiabatic one; aspect_ratio is H/r of the isothermal one."""
 
     keys = Adiabatic
     holds_heat = closes_energy = on_grid = takes_temperature = True
@@ -278,7 +279,7 @@ class AdiabaticGas(Eos):
 class PolytropicGas(Eos):
     keys = Polytropic
     closes_energy = True
-    rules = (_q_of_the_mass,)
+    rules = (_q_without_mass,)
 
     def index(self, eos: Any) -> float | None:
         return eos.gamma
@@ -325,17 +326,17 @@ def eos_of(scene: Scene) -> Eos:
 
 
 def initial_energy(scene: Scene, r: Array) -> Array | None:
-    """Return the specific internal energy (n,) of the gas at the start; None for gas without u."""
+    """Return the initial specific internal energy (n,) of the gas at radius `r` (n,); None without energy equation."""
     return eos_of(scene).initial_energy(scene, r)
 
 
 def pressure_and_sound_speed(scene: Scene, pos: Array, density: Array, u: Array | None) -> tuple[Array, Array]:
-    """Return P and c_s (n,) from positions (n, d), densities (n,) and specific internal energies (n,), if any."""
+    """Return P (n,) and c_s (n,) of gas. pos (n, d), density (n,). u (n,): specific internal energies, or None."""
     return eos_of(scene).pressure_and_sound_speed(scene, pos, density, u)
 
 
 def thermal_speed(scene: Scene, gas: Gas) -> Array:
-    """Return sqrt(P / rho) (n,) of gas particles, for H, drag and turbulence; rho excludes the small dust in them."""
+    """Return sqrt(P / rho) (n,) of gas particles, for H, drag and turbulence; rho excludes their small dust."""
     eos, keys = eos_of(scene), scene.gas.eos
     index = eos.adiabatic_index(keys, gas.density)
     if gas.small is not None and eos.holds_heat:  # c_s is that of the mixture of gas and small dust
@@ -346,12 +347,12 @@ def thermal_speed(scene: Scene, gas: Gas) -> Array:
 
 
 def thermal_energy(scene: Scene, mass: Array, density: Array, u: Array | None) -> float:
-    """Return the total thermal energy: of u if the gas has it, else the work of compression; 0 for isothermal gas."""
+    """Return the total thermal energy: the sum of m u, or the work of compression for a polytrope; 0 if isothermal."""
     return eos_of(scene).thermal_energy(scene.gas.eos, mass, density, u)
 
 
 def radius(pos: Array) -> Array:
-    """Return the distance from the origin (n,)."""
+    """Return the distances (n,) of positions (n, d) from the origin."""
     square = pos[:, 0] * pos[:, 0]
     for k in range(1, pos.shape[1]):
         square += pos[:, k] * pos[:, k]
@@ -359,7 +360,7 @@ def radius(pos: Array) -> Array:
 
 
 def _speed_of_start(scene: Scene, r: Array) -> Array | None:
-    """Return the thermal speed (n,) that the start sets at radius `r`; None if it sets none."""
+    """Return the thermal speed (n,) that the start defines at radius `r` (n,); None if it defines none."""
     if scene.initial is None or (speed := STARTS[scene.initial.kind].thermal_speed) is None:
         return None
     found: Array | None = speed(scene, np.asarray(r, dtype=float))
@@ -367,21 +368,21 @@ def _speed_of_start(scene: Scene, r: Array) -> Array | None:
 
 
 def _speed_of_temperature(scene: Scene, r: Array) -> Array:
-    """Return the sound speed (n,) of the table at radius `r`: c_s ~ r^(-q/2) if it gives aspect_ratio, else uniform."""
+    """Return the sound speed (n,) of gas.eos at radius `r` (n,): c_s ~ r^(-q/2) with aspect_ratio, else uniform."""
     eos: Any = scene.gas.eos
     r = np.asarray(r, dtype=float)
     if getattr(eos, "aspect_ratio", None) is None:
         return np.full(r.shape, eos.sound_speed)
     r0 = eos.reference_radius
-    return _speed_at(scene, r0) * _power(np.maximum(r, 1e-12 * r0) / r0, -0.5 * eos.temperature_index)
+    return _speed_at(scene, r0) * _fast_power(np.maximum(r, 1e-12 * r0) / r0, -0.5 * eos.temperature_index)
 
 
 def _speed_at(scene: Scene, r0: float) -> float:
     return passive_speed(scene, scene.gas.eos.aspect_ratio, r0)
 
 
-def _power(x: Array, exponent: float) -> Array:
-    """Return x^exponent; for temperatures ~ r^-1/2 and r^-1 by square roots, which is four times as fast."""
+def _fast_power(x: Array, exponent: float) -> Array:
+    """Return x^exponent. Square roots make the exponents -1/4 and -1/2 four times as fast."""
     if exponent == -0.25:
         return 1.0 / np.sqrt(np.sqrt(x))
     if exponent == -0.5:

@@ -1,7 +1,7 @@
-"""The gas of `[background]` as functions of radius, in balance about the star. Numpy only.
+"""Prescribed gas of `[background]` as functions of radius. Numpy only.
 
-Sigma is a power law or a column of a file (`scene/columns.py`), times 1 + height G(r) of a bump and 1 - depth G(r) of
-a gap, G(r) = exp(-(r - radius)^2 / (2 width^2)). With [alpha_viscosity] the gas moves radially by its viscosity.
+Sigma is a power law or a column of a file (`scene/columns.py`), times 1 + height G(r) for a bump and 1 - depth G(r)
+for a gap, with G(r) = exp(-(r - radius)^2 / (2 width^2)). With [alpha_viscosity], viscosity drives a radial flow.
 """
 
 from __future__ import annotations
@@ -17,14 +17,17 @@ if TYPE_CHECKING:
 
 viscosity = Lazy("discsim.physics.viscosity")
 Array = np.ndarray
-NODES, INWARDS = 16_384, 1e5  # nodes of the table in ln r; largest radius, beyond the corners of space, over smallest
+# Number of nodes of the table in ln r; ratio of its largest radius, which is beyond the corners of space, to the
+# smallest.
+NODES, INWARDS = 16_384, 1e5
 
 
 class GivenDisc:
-    """Sigma and thermal speed c_T = sqrt(P / Sigma) of the given gas in code units, as functions of radii (n,).
+    """Prescribed gas disc. Methods take radii (n,) and return arrays (n,) in code units.
 
-    laws: (Sigma, p, c_T^2, q, f) of power laws Sigma ~ r^-p and c_T^2 ~ r^-q, the first and third at radius 1, with
-    -(1/Sigma) dP/dr = f c_T^2 / r. plain: whether the disc is exactly these power laws.
+    c_T = sqrt(P / Sigma) is the thermal speed. laws: (Sigma, p, c_T^2, q, f) of the power laws Sigma ~ r^-p and
+    c_T^2 ~ r^-q, with Sigma and c_T^2 at radius 1 and -(1/Sigma) dP/dr = f c_T^2 / r. plain: whether the disc follows
+    these power laws exactly, without file, bump or gap.
     """
 
     def __init__(self, scene: Scene):
@@ -57,10 +60,10 @@ class GivenDisc:
         return pull / speed2
 
     def table(self) -> tuple[Array, float, float]:
-        """Return a table (nodes, 5) at even ln r, the first ln r, and the number of nodes per unit of ln r.
+        """Return (table, first, nodes) of the disc as functions of ln r.
 
-        Columns are ln Sigma, ln c_T^2, g = f c_T^2, dg / d ln r and v_r. The table is empty for plain power laws
-        without viscosity.
+        table (nodes, 5): ln Sigma, ln c_T^2, g = f c_T^2, dg / d ln r and the radial velocity v_r at equidistant ln r;
+        empty for plain power laws without viscosity. first: ln r of the first node. nodes: number per unit of ln r.
         """
         if self.plain and not self.viscous:
             return np.empty((0, 5)), 0.0, 1.0
@@ -75,7 +78,7 @@ class GivenDisc:
         return np.stack(columns, axis=1), float(log[0]), (NODES - 1) / float(log[-1] - log[0])
 
     def _density_and_slope(self, r: Array) -> tuple[Array, Array]:
-        """Return Sigma and -d ln Sigma / d ln r (n,)."""
+        """Return Sigma (n,) and -d ln Sigma / d ln r (n,)."""
         file = self.given.file
         density = self.laws[0] * r ** -self.laws[1] if file is None else file.value("Sigma", r)
         slope = np.full_like(r, self.laws[1]) if file is None else -file.slope("Sigma", r)
@@ -87,7 +90,7 @@ class GivenDisc:
         return density, slope
 
     def _speed2_and_pull(self, r: Array) -> tuple[Array, Array]:
-        """Return c_T^2 and g (n,), with -(1/Sigma) dP/dr = g / r."""
+        """Return c_T^2 (n,) and g (n,), with -(1/Sigma) dP/dr = g / r."""
         scene, file = self.scene, self.given.file
         density, slope = self._density_and_slope(r)
         if file is not None and file.has("T"):

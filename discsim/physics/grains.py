@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 Array = np.ndarray
-GOLDEN = 0.6180339887498949  # fractional parts of its multiples are evenly spread for any number of them
+GOLDEN = 0.6180339887498949  # the fractional parts of n GOLDEN, n = 0, 1, ..., are evenly spread for any count
 
 
 def epstein_stopping_time(
@@ -39,9 +39,10 @@ def epstein_stopping_time(
 
 
 def mean_free_column(scene: Any) -> float:
-    """Return the column density of gas in one mean free path, m / sigma, in code units.
+    """Return the mean free path times the gas density, m / sigma, in code units, for molecules of cross-section sigma.
 
-    The default has the scene's mean molecular weight and the cross-section of H2, 2e-15 cm^2 (Chapman & Cowling 1970).
+    It is drag.mean_free_column or, by default, computed from the scene's mean molecular weight and the cross-section
+    of H2, 2e-15 cm^2 (Chapman & Cowling 1970).
     """
     if scene.drag.mean_free_column is not None:
         return scene.drag.mean_free_column
@@ -57,12 +58,12 @@ def has_sizes(population: Any) -> bool:
 
 
 def own_sizes(scene: Any) -> bool:
-    """Return whether dust particles have individual grain sizes, by a distribution or by growth."""
+    """Return whether dust particles have individual grain sizes, from a size distribution or growth."""
     return scene.table("growth") is not None or any(map(has_sizes, scene.dust or ()))
 
 
 def sizes_of(population: Any, count: int) -> tuple[Array, Array]:
-    """Return sizes of `count` particles of a population (n,), and masses over their mean (n,).
+    """Return the grain sizes (n,) of n = `count` particles of a population, and their masses divided by the mean (n,).
 
     The number density of grains is n(s) ~ s^-index. Consecutive particles have very different sizes, so that all sizes
     are present in every region.

@@ -1,7 +1,7 @@
 """Growth of grains as functions of a scene (`[growth]`): sizes, alpha, small dust carried by gas. Numpy only.
 
-Gas particles carry the small dust, a_min to a_*. With two-way drag it is a part of their mass. With one-way drag it is
-not, as dust must not change the gas.
+Gas particles carry the small dust, with sizes from a_min to a_*. With two-way drag their mass includes the small dust.
+With one-way drag it does not, as dust must not change the gas.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from discsim.scene import Scene
 
 Array = np.ndarray
-RANGE = 200.0  # default a_* over a_min: that of the usual 1 um and 5e-3 um
-SEED = 1e-12  # share of its dust that a dust particle keeps if all dust is small
+RANGE = 200.0  # default of a_* / a_min: that of the usual 1 um and 5e-3 um
+SEED = 1e-12  # fraction of a dust particle's share of all dust that it keeps if all dust is small
 
 
 def smallest_size(scene: Scene) -> float:
@@ -32,16 +32,16 @@ def smallest_size(scene: Scene) -> float:
 
 
 def small_ratio(scene: Scene) -> float:
-    """Return the mass of small dust over that of the gas at the start."""
+    """Return the initial mass ratio of small dust to gas."""
     keys: Any = scene.table("growth")
     (dust,) = scene.dust or ()
     return dust.ratio if keys.small_ratio is None else keys.small_ratio
 
 
 def small_at(scene: Scene, r: Array, dust_share: Callable[[Array], Array] | None) -> Array:
-    """Return the mass of small dust over that of the gas (n,) at radii `r` (n,) of the start.
+    """Return the initial mass ratio (n,) of small dust to gas at radii `r` (n,).
 
-    dust_share: factor of the dust-to-gas ratio as a function of radius; None: 1.
+    dust_share: return a factor (n,) of the dust-to-gas ratio at radii (n,); None for a factor of 1.
     """
     (dust,) = scene.dust or ()
     there = (r >= (dust.inner or 0.0)) & (r <= (dust.outer or np.inf))
@@ -49,18 +49,18 @@ def small_at(scene: Scene, r: Array, dust_share: Callable[[Array], Array] | None
 
 
 def small_dust_in_mass(scene: Scene) -> bool:
-    """Return whether small dust is a part of the gas particles' mass."""
+    """Return whether the mass of gas particles includes the small dust that they carry."""
     return scene.table("growth") is not None and scene.drag is not None and scene.drag.direction == "two-way"
 
 
 def gas_share(scene: Scene, gas: Gas, piece: slice = slice(None)) -> Array | float:
-    """Return the mass fraction of gas (n,) in gas particles of the slice `piece`; 1 if their mass has no small dust."""
+    """Return the mass fraction (n,) of gas in the gas particles `piece`; 1 if their mass excludes small dust."""
     assert gas.small is not None
     return 1.0 - gas.small[piece] / gas.mass[piece] if small_dust_in_mass(scene) else 1.0
 
 
 def alpha(scene: Scene, r: Array, speed2: Array, omega: Array) -> Array:
-    """Return alpha (n,) at radii `r` (n,); speed2: c_s^2 (n,), omega: Omega (n,)."""
+    """Return the turbulence parameter alpha (n,) at radii `r` (n,). speed2 (n,): c_s^2. omega (n,): Omega."""
     keys: Any = scene.table("growth")
     if keys.alpha is not None:
         return np.full(np.shape(r), keys.alpha)
@@ -71,10 +71,10 @@ def alpha(scene: Scene, r: Array, speed2: Array, omega: Array) -> Array:
 
 
 class Limits(NamedTuple):
-    """Limits of grain growth at some places, arrays (n,).
+    """Limits of grain growth at sample points, arrays (n,).
 
-    fragmentation: largest size by fragmentation, (6) of `formulas/growth.py`. drift: size at which drift is as fast as
-    growth. stokes: Stokes number of the smaller of the two, or of a_* if that is larger. time: growth time.
+    fragmentation: largest size that fragmentation allows, eq. (6) of `formulas/growth.py`. drift: size at which drift
+    is as fast as growth. stokes: Stokes number at the smaller of these sizes, but at least at a_*. time: growth time.
     """
 
     fragmentation: Array
@@ -84,11 +84,11 @@ class Limits(NamedTuple):
 
 
 def limits(scene: Scene, at: Local) -> Limits | None:
-    """Return the growth limits at the places of `at`, with all dust at the start; None if there are no orbits.
+    """Return the growth limits at the points of `at`, for the initial dust; None if the scene is not a disc.
 
-    The drift limit is 2 Sigma_d / (pi rho_s gamma) (v_K / c_s)^2, gamma = |d ln P / d ln r|, of Birnstiel et al. (2012)
-    eq. 18 without its factor f_d. P is integrated over height, as in the equation of motion of a run. The growth time
-    is that of settled grains, Sigma_g / (Sigma_d Omega).
+    The drift limit is 2 Sigma_d / (pi rho_s gamma) (v_K / c_s)^2, gamma = |d ln P / d ln r|, as in Birnstiel et al.
+    (2012), eq. 18 without the factor f_d. P is the pressure integrated over height, as in the equation of motion of a
+    run. The growth time is that of settled grains, Sigma_g / (Sigma_d Omega).
     """
     if at.radius is None or at.omega is None or at.thermal_speed is None:
         return None

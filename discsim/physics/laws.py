@@ -1,4 +1,7 @@
-"""Laws of the stopping time: their inputs from a scene, and their rules. Formulas are in `formulas/laws.py`."""
+"""Drag laws, which determine the stopping time: their parameters from a scene, and their rules.
+
+Formulas are in `formulas/laws.py`.
+"""
 
 from __future__ import annotations
 
@@ -24,28 +27,28 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Law:
-    """A law of the stopping time.
+    """Drag law: a law of the stopping time t_stop.
 
     Attributes
     ----------
     form : int
-        One of the forms in `formulas/laws.py`; several laws may share one.
+        Form of the law, a constant of `formulas/laws.py`. Several laws may share a form.
     value : callable (scene, population)
-        Return the parameter of the form for a dust population: K, t_stop, St or s rho_s c_s / c.
+        Return the main parameter of a dust population: K, t_stop, St or s rho_s c_s / c, depending on the form.
     key : str
-        Key of [drag] that the law needs; laws with another key refuse it.
+        Key of [drag] that the law needs. It is an error with laws that need another key.
     of_grains : bool
-        Whether dust needs a grain size and a grain density.
+        Whether the law depends on grain size and grain density.
     orbits : tuple of int
-        Dimensions of space in which the law is defined only on circles about a star.
+        Numbers of space dimensions in which the law needs an orbital frequency.
     formula : callable (scene), optional
         Return the formula of t_stop as text, for previews.
     rules : tuple of Rule
-        Further rules for a scene with this law.
+        Additional rules for a scene with this law.
     uniform_rate : callable (drag, eps, rho_g), optional
-        Return eps / t_stop in uniform gas and dust at rest, from the table [drag], if defined there.
+        Return eps / t_stop in uniform gas and dust, from the table [drag]; None if the table does not determine it.
     uniform_time : callable (drag), optional
-        Return t_stop from the table [drag], if it does not depend on the gas.
+        Return t_stop from the table [drag]; None if t_stop depends on the gas.
     """
 
     form: int
@@ -60,16 +63,16 @@ class Law:
 
     @property
     def by_column(self) -> bool:
-        """True if the stopping time depends on the gas's mean free path, and thereby on the slip."""
+        """True if the stopping time depends on the mean free path of the gas. It then depends on the slip too."""
         return self.form == formulas.EPSTEIN_STOKES
 
 
 class SceneLaw:
-    """Parameters of the scene's law for kernels.
+    """Parameters of a scene's drag law for kernels.
 
-    code: the form. grains (populations, 5): parameters of each population, indexed by VALUE to THERMAL of
-    `formulas/laws.py`. typical (populations,): mean grain size. nonlinear: whether the stopping time depends on the
-    slip.
+    code: form of the law. grains (populations, 5): parameters of each population; VALUE to THERMAL of
+    `formulas/laws.py` are the column indices. typical (populations,): mean grain size. nonlinear: whether the stopping
+    time depends on the slip.
     """
 
     def __init__(self, scene: Scene):
@@ -83,13 +86,16 @@ class SceneLaw:
         self.typical = np.array([typical_size(dust) if law.of_grains else 1.0 for dust in scene.dust or ()])
 
     def rows(self, species: Array, size: Array) -> Array:
-        """Return the parameters (n, 5) of dust particles of populations `species` (n,) with individual sizes (n,)."""
+        """Return the parameters (n, 5) of dust particles. species (n,): populations. size (n,): grain sizes."""
         rows: Array = self.grains[species]
         rows[:, [formulas.VALUE, formulas.SIZE]] *= (size / self.typical[species])[:, None]
         return rows
 
     def stopping_time(self, population: int, density: Array, sound: Array, omega: Array, ratio: float) -> Array:
-        """Return the stopping time (n,) at zero slip of a population in gas of given density, thermal speed, Omega."""
+        """Return the stopping time (n,) of a population at zero slip.
+
+        density, sound, omega (n,): density, thermal speed and orbital frequency of the gas. ratio: dust-to-gas ratio.
+        """
         return kernels.stopping_times(self.code, self.grains[population], ratio, density, sound, omega)
 
 
@@ -102,10 +108,11 @@ def _grain(scene: Scene, law: Law, population: Any) -> list[float]:
 
 
 def stopping_times(scene: Scene, density: Array, sound: Array | None, omega: Array | None) -> list[Array]:
-    """Return the stopping time (n,) at zero slip of each population in gas of given density, thermal speed and Omega.
+    """Return the stopping time (n,) of each population at zero slip.
 
-    sound, omega: None if the scene does not define them; the list is empty if the law needs them. Not compiled, so for
-    few places.
+    density, sound, omega (n,): density, thermal speed and orbital frequency of the gas; sound and omega are None if the
+    scene does not define them. The list is empty if the law needs such a value. The code is not compiled, and suitable
+    only for small n.
     """
     if scene.drag is None:
         return []
@@ -121,18 +128,18 @@ def stopping_times(scene: Scene, density: Array, sound: Array | None, omega: Arr
     ]
 
 
-def _of_grain(scene: Scene, population: Any) -> float:
-    """Return t_stop c_s rho_g, the factor of Epstein's law that depends on the grain alone."""
+def _epstein_value(scene: Scene, population: Any) -> float:
+    """Return t_stop c_s rho_g of Epstein's law, which depends only on the grain."""
     convention = scene.drag.convention
     return epstein_stopping_time(typical_size(population), population.grain_density, 1.0, 1.0, convention)
 
 
-def _of_key(key: str) -> Callable[[Scene, Any], float]:
+def _value_of_key(key: str) -> Callable[[Scene, Any], float]:
     return lambda scene, population: getattr(scene.drag, key)
 
 
-def _over_density(scene: Scene, population: Any) -> float:
-    """Return the parameter of Epstein's law for grains with the given Stokes number at the reference density."""
+def _stokes_at_reference(scene: Scene, population: Any) -> float:
+    """Return the parameter of Epstein's law for grains with the Stokes number drag.stokes at the reference density."""
     return scene.drag.stokes * profile.reference_density(scene) / math.sqrt(2 * math.pi)
 
 
@@ -163,7 +170,7 @@ def _height(draft: Draft) -> Iterator[Problem]:
         )
 
 
-def _column(draft: Draft) -> Iterator[Problem]:
+def _needs_column(draft: Draft) -> Iterator[Problem]:
     if draft.drag.mean_free_column is None and draft.in_code_units:
         yield (
             ("drag", "mean_free_column"),
@@ -171,12 +178,12 @@ def _column(draft: Draft) -> Iterator[Problem]:
         )
 
 
-def _star(draft: Draft) -> Iterator[Problem]:
+def _needs_star(draft: Draft) -> Iterator[Problem]:
     if not draft.has("star"):
         yield ("drag", "law"), "t_stop = stokes / Omega needs a star; expected a table [star] too"
 
 
-def _disc(draft: Draft) -> Iterator[Problem]:
+def _needs_disc(draft: Draft) -> Iterator[Problem]:
     in_a_disc = draft.has("background") or (draft.start and draft.start.reference_density)
     if not (draft.has("star") and in_a_disc):
         words = " or ".join(f'"{kind}"' for kind in kinds(lambda start: start.reference_density))
@@ -188,43 +195,43 @@ def _disc(draft: Draft) -> Iterator[Problem]:
 
 
 EPSTEIN = Law(
-    formulas.EPSTEIN, _of_grain, of_grains=True, orbits=(2,), formula=_epstein_formula, rules=(_grains, _height)
+    formulas.EPSTEIN, _epstein_value, of_grains=True, orbits=(2,), formula=_epstein_formula, rules=(_grains, _height)
 )  # fmt: skip
 EPSTEIN_STOKES = Law(
     formulas.EPSTEIN_STOKES,
-    _of_grain,
+    _epstein_value,
     of_grains=True,
     orbits=(2,),
     formula=_stokes_formula,
-    rules=(_grains, _height, _column),
+    rules=(_grains, _height, _needs_column),
 )
 CONSTANT = Law(
     formulas.CONSTANT,
-    _of_key("K"),
+    _value_of_key("K"),
     "K",
     formula=lambda scene: "rho_d / K",
     uniform_rate=lambda drag, ratio, density: drag.K / density,
 )
 STOPPING_TIME = Law(
     formulas.STOPPING_TIME,
-    _of_key("t_stop"),
+    _value_of_key("t_stop"),
     "t_stop",
     uniform_rate=lambda drag, ratio, density: ratio / drag.t_stop,
     uniform_time=lambda drag: drag.t_stop,
 )
 STOKES_NUMBER = Law(
     formulas.STOKES_NUMBER,
-    _of_key("stokes"),
+    _value_of_key("stokes"),
     "stokes",
     orbits=(1, 2),
     formula=lambda scene: "stokes / Omega",
-    rules=(_star,),
+    rules=(_needs_star,),
 )
 STOKES_OVER_DENSITY = Law(
     formulas.EPSTEIN,
-    _over_density,
+    _stokes_at_reference,
     "stokes",
     orbits=(1, 2),
     formula=lambda scene: "(stokes / Omega) Sigma_ref / Sigma",
-    rules=(_disc,),
+    rules=(_needs_disc,),
 )

@@ -1,4 +1,4 @@
-"""The gas of a scene at sample points, estimated before particles are made; input of previews and warnings."""
+"""Estimates of a scene's gas at sample points, for previews and warnings; no particles are needed."""
 
 from __future__ import annotations
 
@@ -18,27 +18,31 @@ Array = np.ndarray
 
 
 def resolution(scene: Scene, h: Array) -> Array:
-    """Return h in the usual units of kernels: the h of quintic-h is its support radius, 3 h of the quintic."""
+    """Return smoothing lengths (n,) in the usual definition of h.
+
+    Only the kernel quintic-h has another definition: its h is the support radius, three times the usual h.
+    """
     return h / SMOOTHING[scene.gas.kernel].squeezed if scene.gas else h
 
 
 def longest_step(scene: Scene, h: Array, sound_speed: Array, closing: Array | float = 0.0) -> Array:
-    """Return the time-step limit (n,) of the gas over the Courant factor (`effects/gas.py`).
+    """Return the time-step limit (n,) of the gas before the Courant factor (`effects/gas.py`).
 
-    h: smoothing length as the kernel defines it. closing: -div v of converging gas.
+    h (n,): smoothing length as the kernel defines it. sound_speed (n,). closing: -div v of converging gas, else 0.
     """
     given = scene.gas.viscosity if scene.gas else None
     signal, rate = (given.signal, given.closing) if given else (1.0, 1.0)
     return 1.0 / (sound_speed * signal / resolution(scene, h) + rate * closing)
 
 
-PHASES = 256  # sample times of an orbit
+PHASES = 256  # number of sample times in an orbit
 
 
 class Expected(NamedTuple):
     """Estimated time-step limit of an effect.
 
-    step: the limit, or limits (PHASES,) at even times of an orbit. where: its place for messages, like "at 12 au".
+    step: the limit, or one limit (PHASES,) for each of PHASES equidistant times in an orbit. where: text for messages
+    that says what sets the limit, like "at 12 au".
     """
 
     step: Array | float = math.inf
@@ -47,20 +51,20 @@ class Expected(NamedTuple):
 
 @dataclass(frozen=True)
 class Outlook:
-    """The estimated state of a run at a time, in code units.
+    """Estimated state of a run at some time, in code units.
 
     Attributes
     ----------
     time, passed : float
-        Time of the run, and time since its start.
+        Time of the run, and the time since its start.
     at : Local
-        Gas at points throughout the disc or box (n,).
+        Estimates of the gas at points throughout the disc or box.
     inner, outer : float
-        Radii of the particles that limit the step.
+        Innermost and outermost radius of the particles that limit the step.
     nearest : float
-        Distance from the star of the nearest of these particles; inf without star or particles.
+        Smallest distance of these particles from the star; inf without star or particles.
     spacing : callable (r)
-        Return the particle spacing at a radius.
+        Return the mean distance between neighbouring particles at a radius.
     """
 
     time: float
@@ -74,26 +78,31 @@ class Outlook:
 
 @dataclass(frozen=True)
 class Local:
-    """Estimates at sample points of the gas in code units, arrays (n,); None if the scene does not define them.
+    """Estimates of the gas at sample points, arrays (n,) in code units. A quantity that the scene does not define is
+    None.
 
     Attributes
     ----------
     places : list of str
-        Names of the points.
+        Names of the points for messages, like "12 au" or "everywhere".
     radius, density, sound_speed, thermal_speed, omega, h : ndarray or None
         Radius, density, speed of sound waves, sqrt(P / rho), orbital frequency and smoothing length.
     resolution : ndarray or None
-        `h` in the usual units of kernels.
+        Smoothing length in the usual definition of h (see `resolution`).
     step : ndarray or None
         Time-step limit of the gas.
     by_mass : callable ()
-        Return the rising h/H (m,) of points throughout the gas, and the mass fraction of gas up to each (m,).
+        Return (h/H, fraction), arrays (m,): values of h/H in rising order, and the mass fraction of the gas with an
+        h/H up to each value.
     in_drag_cells : callable ()
-        Return the side of a drag cell at the start, and its mean numbers of gas and dust particles; None without cells.
+        Return (side, gas, dust), arrays (n,): side of a drag cell at the start, and its mean numbers of gas and dust
+        particles. None if the scene has no drag cells.
     relative_mass : ndarray
-        Mass of a gas particle over the mean mass.
-    particle_mass, cell : float or None
-        Mean mass of a gas particle, and side of the grid's cells, of the whole scene.
+        Mass of a gas particle divided by the mean over all gas particles.
+    particle_mass : float or None
+        Mean mass of a gas particle.
+    cell : float or None
+        Side of a grid cell.
     jump : ndarray or None
         Velocity jump of a shock at the point.
     """
@@ -115,7 +124,7 @@ class Local:
     jump: Array | None = None
 
     def where(self, number: int) -> str:
-        """Return the phrase for one of the places in a message, like "at 12 au"."""
+        """Return a text for messages that says where the point with index `number` is, like "at 12 au"."""
         if not self.places:
             return ""
         place = self.places[number]

@@ -1,30 +1,35 @@
-"""Motion of the star and its companions, as a split into drift and kick: the drift moves each companion, at r_k from
-the star, on a Kepler orbit; the kick has all other accelerations.
+"""Motion of the star and its companions, split into drift and kick.
 
-    drift   r_k on the orbit about GM = mu_k, and x_0 + sum_k w_k r_k, x_0 the star's place, uniformly          (1)
+The drift moves companion k, at r_k from the star, on a Kepler orbit; the kick has all other accelerations. With the
+position x_0 of the star,
+
+    drift   r_k moves on a Kepler orbit about GM = mu_k, and x_0 + sum_k w_k r_k moves uniformly                (1)
     kick    r_k'' = A_k - A_0 + mu_k r_k / |r_k|^3,   x_0'' = A_0 - sum_k w_k mu_k r_k / |r_k|^3                (2)
 
-A are the total accelerations in an inertial frame, so that drift and kick add up to the equations of motion for any mu
-and w. With mu_k = M + m_k and w_k = m_k / (M + sum m) the drift conserves momentum, and the orbit of a single companion
-is exact. If the star does not feel companions, mu_k = M; for a companion that does not feel the star, mu_k = 0. A fixed
-orbit has w_k = m_k / mu_k, which gives the star the right acceleration.
-In the frame of the star x_0 = 0, and particles get the opposite of the star's motion in both drift and kick. The run is
-the same to rounding as in an inertial frame. The kicks of several live companions on each other are of second order
+A_k and A_0 are the total accelerations of companion and star in an inertial frame, so that drift and kick together are
+the equations of motion for any mu and w. With mu_k = M + m_k and w_k = m_k / (M + sum m) the drift conserves momentum,
+and the orbit of a single companion is exact. If the star does not feel companions, mu_k = M; for a companion that does
+not feel the star, mu_k = 0. A fixed orbit has w_k = m_k / mu_k, which gives the star the right acceleration.
+
+In the frame of the star x_0 = 0, and in both drift and kick particles move opposite to the star's motion in an inertial
+frame. Runs in both frames agree to rounding. The kicks of several live companions on each other are of second order
 and reversible.
 
-A ramp f_k(t), from 0 to 1, scales the forces between companion and disc. Star and companions have their full masses
-for each other, and the corresponding orbits, from the start. Gas and dust feel
+A ramp f_k(t), from 0 to 1, scales the forces between companion and disc. Star and companions feel each other's full
+masses from the start, and have the corresponding orbits. Gas and dust feel
 
-    companions   f_k m_k,      star   M + sum_c (1 - f_k) m_k                                                   (3)
-    places       x_j + sum_c (1 - f_k) w_k r_k                                                                  (4)
+    masses       companions: f_k m_k,      star: M + sum_c (1 - f_k) m_k                                        (3)
+    positions    x_j + sum_c (1 - f_k) w_k r_k, for the star and each companion j                               (4)
 
-with c the companions that are part of the disc's central mass (`formulas/centre.py`). About a barycentre, the mass of
-a companion is first added to that of the star, which is placed at the barycentre, and moves out to its orbit as f
-grows. The masses (3) at the places (4) have the same barycentre and total mass at any f.
-For other companions, the star's acceleration by them is ramped too: gas and dust get f_k of it in the star's frame. In
-an inertial frame they move with the star by 1 - f_k of it. A disc about the star thus gets no push before it feels the
-companion's pull that balances the push. The disc accelerates a companion relative to the star by f_k (A_k - A_0), by
-the same forces in reverse.
+where the sums are over the companions c that are part of the disc's central mass (`formulas/centre.py`). If the disc is
+about a barycentre, the mass of a companion is at first added to that of the star, which is placed at the barycentre;
+as f_k grows, the mass moves out to the orbit. The masses (3) at the positions (4) have the same barycentre and total
+mass at any f.
+
+Other companions also accelerate the star. In the frame of the star, gas and dust feel the fraction f_k of the
+corresponding frame acceleration; in an inertial frame they move with the star by the fraction 1 - f_k of it. A disc
+about the star thus feels this acceleration only together with the companion's pull that balances it. The disc
+accelerates a companion relative to the star by f_k (A_k - A_0), by the opposite forces.
 """
 
 from __future__ import annotations
@@ -50,7 +55,9 @@ IN_KICKS = 0.5
 
 
 def feels(scene: Scene, companion: Any) -> frozenset[str]:
-    """Return the sources that a companion feels, of "star", "companions", "gas" and "dust"; none on a fixed orbit."""
+    """Return the sources that accelerate a companion, from "star", "companions", "gas" and "dust"; none on a fixed
+    orbit.
+    """
     if companion.orbit == "fixed":
         return frozenset()
     if companion.feels is not None:
@@ -59,13 +66,16 @@ def feels(scene: Scene, companion: Any) -> frozenset[str]:
 
 
 def pulling(scene: Scene) -> list[str]:
-    """Return the species that may pull bodies; not one-way dust in a scene with gas, as it would change the gas."""
+    """Return the species that may pull star and companions.
+
+    With one-way drag by [gas] dust is excluded, as the pulled bodies would change the motion of the gas.
+    """
     one_way = scene.drag is not None and scene.drag.direction == "one-way" and scene.gas is not None
     return [name for name in ("gas", "dust") if getattr(scene, name) is not None and not (name == "dust" and one_way)]
 
 
 def felt_by_star(scene: Scene) -> frozenset[str]:
-    """Return the sources that the star feels, of "companions", "gas" and "dust"."""
+    """Return the sources that accelerate the star, from "companions", "gas" and "dust"."""
     star: Any = scene.star
     if star.indirect is not None:
         return frozenset(star.indirect)
@@ -76,12 +86,12 @@ def felt_by_star(scene: Scene) -> frozenset[str]:
 
 
 def orbital_mass(scene: Scene, star: float, companion: float) -> float:
-    """Return GM of a companion's orbit from both masses: the star's alone if the star does not feel companions."""
+    """Return GM of a companion's orbit: the sum of both masses, or that of the star if it does not feel companions."""
     return star + companion if "companions" in felt_by_star(scene) else star
 
 
 def at_rest(scene: Scene) -> bool:
-    """Return whether the star has a constant mass and stays at the origin. Such a scene has no `Bodies`."""
+    """Return whether the star has a constant mass and stays at the origin. The state then has no `bodies`."""
     star = scene.star
     if star is None:
         return True
@@ -89,11 +99,11 @@ def at_rest(scene: Scene) -> bool:
 
 
 def in_drift(scene: Scene) -> bool:
-    """Return whether gas and dust drift on Kepler orbits about the star. Then no kick contains the star's pull.
+    """Return whether gas and dust drift on Kepler orbits about the star; kicks then exclude the star's pull.
 
-    The star has to be a point at rest: a moving star exchanges momentum with every particle, which only a kick
-    conserves exactly. Radiation pressure with drag excludes Kepler drifts: drag needs the radiation force on dust in
-    the kick, and the stellar pull that nearly cancels this force has to be in the kick too.
+    The star has to be a point at rest, as the momentum that particles exchange with a moving star is conserved only in
+    kicks. Radiation pressure with drag excludes Kepler drifts: drag needs the radiation force on dust in the kick, and
+    the stellar pull that nearly cancels this force has to be in the kick too.
     """
     star = scene.star
     pointlike = star is not None and star.softening == 0.0 and at_rest(scene)
@@ -102,7 +112,7 @@ def in_drift(scene: Scene) -> bool:
 
 
 def masses_in_drift(scene: Scene, species: str) -> Array | None:
-    """Return the central masses (populations,) of the Kepler drifts of gas or dust; None if drifts are straight."""
+    """Return the central masses (populations,) of the Kepler drifts of a species; None for drifts on straight lines."""
     if not in_drift(scene):
         return None
     assert scene.star is not None
@@ -110,7 +120,7 @@ def masses_in_drift(scene: Scene, species: str) -> Array | None:
 
 
 def velocities_turn(scene: Scene) -> bool:
-    """Return whether the drift rotates velocities and positions on a circle by the same angle.
+    """Return whether drifts rotate both velocity and position of a circular orbit, by the same angle.
 
     Otherwise velocities are half a step ahead of positions, or behind them.
     """
@@ -118,12 +128,16 @@ def velocities_turn(scene: Scene) -> bool:
 
 
 def step_of_circle(scene: Scene) -> float:
-    """Return the step limit of circular orbits about the star, over 1/Omega."""
+    """Return the step limit of circular orbits about the star, in units of 1/Omega."""
     return 1.0 if velocities_turn(scene) else IN_KICKS
 
 
 class UnderWay(NamedTuple):
-    """A body already moving at t = 0: position and velocity from the star (2,), accreted mass, and start time."""
+    """Star or companion that a run continues from a snapshot.
+
+    pos, vel (2,): position and velocity relative to the star. gained: accreted mass. begun: time, in this run, at
+    which the body was added.
+    """
 
     pos: Array
     vel: Array
@@ -132,7 +146,7 @@ class UnderWay(NamedTuple):
 
 
 class Orbits:
-    """Motion of the star and companions of a scene."""
+    """Equations of motion of the star and companions of a scene, eqs. (1) to (4)."""
 
     def __init__(self, scene: Scene) -> None:
         star: Any = scene.star
@@ -160,14 +174,14 @@ class Orbits:
         mu, _ = self._weights(bodies.mass)
         for k, orbit in enumerate(self.orbits):
             if not self.live[k]:
-                found = self._fixed(bodies, k, 0.0)
+                found = self._fixed_orbit(bodies, k, 0.0)
             elif k + 1 in under_way:
                 found = kepler.Motion(*under_way[k + 1].pos.tolist(), *under_way[k + 1].vel.tolist())
             else:
                 found = kepler.at_anomaly(mu[k] or self.fixed_mu[k], *orbit)
             bodies.pos[k + 1], bodies.vel[k + 1] = found[:2], found[2:]
         if self.star.centre == "barycentre":
-            weight = self._of_centre(bodies)
+            weight = self._central_weights(bodies)
             away = _sum(weight, bodies.pos[1:]), _sum(weight, bodies.vel[1:])
             bodies.pos -= away[0]
             bodies.vel -= away[1]
@@ -175,7 +189,7 @@ class Orbits:
         return bodies
 
     def offset(self, bodies: Bodies) -> tuple[Array, Array]:
-        """Return position and velocity (2,) of the centre of the disc at t = 0 in the frame of the run."""
+        """Return the initial position (2,) and velocity (2,) of the centre of the disc in the frame of the run."""
         if not self.inertial or self.star.centre == "barycentre":
             return np.zeros(2), np.zeros(2)
         _, weight = self._weights(bodies.mass)
@@ -183,54 +197,57 @@ class Orbits:
         return -_sum(weight, r), -_sum(weight, v)
 
     def drift(self, bodies: Bodies, time: float, dt: float) -> tuple[Array, Array]:
-        """Drift the bodies from `time` over dt, eq. (1).
+        """Drift the bodies from `time` over dt, eq. (1), and return the effect of the frame's motion on gas and dust.
 
-        Return the displacement of gas and dust by the motion of the frame beyond a straight line, and the change of
-        their velocity (2,), with the ramps at the middle of dt.
+        Returns the displacement (2,) of gas and dust beyond motion on straight lines, and their velocity change (2,).
+        Ramps are evaluated at the middle of dt.
         """
         mu, weight = self._weights(bodies.mass)
         r, v = bodies.pos[1:] - bodies.pos[0], bodies.vel[1:] - bodies.vel[0]
         after, faster = np.empty_like(r), np.empty_like(v)
         for k in range(len(r)):
             motion = kepler.Motion(*r[k].tolist(), *v[k].tolist())
-            found = kepler.drift(mu[k], motion, dt) if self.live[k] else self._fixed(bodies, k, time + dt)
+            found = kepler.drift(mu[k], motion, dt) if self.live[k] else self._fixed_orbit(bodies, k, time + dt)
             after[k], faster[k] = found[:2], found[2:]
         off, turned = after - r - dt * v, faster - v
         if self.inertial:
             bodies.pos[0] += dt * bodies.vel[0] - _sum(weight, off)
             bodies.vel[0] -= _sum(weight, turned)
         bodies.pos[1:], bodies.vel[1:] = bodies.pos[0] + after, bodies.vel[0] + faster
-        carried = -weight * self._carried(self._ramps(bodies, time + 0.5 * dt))
+        carried = -weight * self._frame_factors(self._ramps(bodies, time + 0.5 * dt))
         return _sum(carried, off), _sum(carried, turned)
 
     def place(self, bodies: Bodies, time: float) -> None:
-        """Set positions of companions on fixed orbits, all masses, and their ramped values, eqs. (3) and (4)."""
+        """Set all masses, companions on fixed orbits, and the masses and positions felt by the disc, eqs. (3), (4)."""
         bodies.mass = self._masses(bodies)
         for k in np.flatnonzero(~self.live).tolist():
-            found = self._fixed(bodies, k, time)
+            found = self._fixed_orbit(bodies, k, time)
             bodies.pos[k + 1], bodies.vel[k + 1] = bodies.pos[0] + found[:2], bodies.vel[0] + found[2:]
         ramp, mass = self._ramps(bodies, time), bodies.mass[1:]
         inside = np.where(self.central, 1.0 - ramp, 0.0)  # share of the mass that is still at the star
         bodies.felt = np.array([bodies.mass[0] + (inside * mass).sum(), *(ramp * mass)])
-        bodies.shift = _sum(inside * self._of_centre(bodies), bodies.pos[1:] - bodies.pos[0])
+        bodies.shift = _sum(inside * self._central_weights(bodies), bodies.pos[1:] - bodies.pos[0])
 
     def frame_acceleration(self, bodies: Bodies, beyond_drift: bool) -> Array:
-        """Return the acceleration (2,) of gas and dust by the frame; `beyond_drift`: without the drift's part."""
-        carried = self._carried(bodies.felt[1:] / bodies.mass[1:])
-        found = _sum(carried * self._on_star(bodies, beyond_drift), _directions(bodies.pos[1:] - bodies.pos[0]))
-        return found if self.inertial else found - self._by_disc(bodies, 0, self.felt_by_star)
+        """Return the acceleration (2,) of gas and dust by the frame's motion.
+
+        beyond_drift: whether to exclude the part that the drift contains.
+        """
+        carried = self._frame_factors(bodies.felt[1:] / bodies.mass[1:])
+        found = _sum(carried * self._pulls_on_star(bodies, beyond_drift), _directions(bodies.pos[1:] - bodies.pos[0]))
+        return found if self.inertial else found - self._pull_of_disc(bodies, 0, self.felt_by_star)
 
     def accelerate(self, bodies: Bodies) -> None:
-        """Write eq. (2) into `acc`; terms that cancel are left out instead of subtracted."""
+        """Set `bodies.acc` by eq. (2), without the terms that cancel."""
         mass, back = bodies.mass[1:], self.back
         r = bodies.pos[1:] - bodies.pos[0]
         to = _directions(r)
-        by_disc = self._by_disc(bodies, 0, self.felt_by_star)
-        bodies.acc[:] = by_disc + _sum(self._on_star(bodies, beyond_drift=True), to) if self.inertial else 0.0
+        by_disc = self._pull_of_disc(bodies, 0, self.felt_by_star)
+        bodies.acc[:] = by_disc + _sum(self._pulls_on_star(bodies, beyond_drift=True), to) if self.inertial else 0.0
         ramp = bodies.felt[1:] / mass
         for k in np.flatnonzero(self.live).tolist():
             others = np.arange(len(r)) != k
-            kick = ramp[k] * (self._by_disc(bodies, k + 1, self.feels[k]) - by_disc)
+            kick = ramp[k] * (self._pull_of_disc(bodies, k + 1, self.feels[k]) - by_disc)
             kick -= _sum(back * mass[others], to[others])
             if "companions" in self.feels[k]:
                 kick += _sum(mass[others], _directions(r[others] - r[k]))
@@ -239,7 +256,10 @@ class Orbits:
             bodies.acc[k + 1] += kick
 
     def limit(self, bodies: Bodies) -> float:
-        """Return the least 1 / Omega of companions about the star at their distances, and of pairs of companions."""
+        """Return the smallest 1 / Omega = (r^3 / GM)^(1/2) of pairs of bodies at their present distances r.
+
+        Pairs of companions on fixed orbits are excluded.
+        """
         longest = math.inf
         for k in range(1, bodies.count):
             for j in range(k):
@@ -248,11 +268,11 @@ class Orbits:
                     longest = min(longest, math.sqrt(distance**3 / mass) if mass > 0.0 else math.inf)
         return longest
 
-    def _by_disc(self, bodies: Bodies, number: int, felt: Iterable[str]) -> Array:
+    def _pull_of_disc(self, bodies: Bodies, number: int, felt: Iterable[str]) -> Array:
         return bodies.pulled[number][[name in felt for name in ("gas", "dust")]].sum(axis=0)
 
-    def _fixed(self, bodies: Bodies, k: int, time: float) -> kepler.Motion:
-        """Return position and velocity from the star on a fixed orbit, in closed form."""
+    def _fixed_orbit(self, bodies: Bodies, k: int, time: float) -> kepler.Motion:
+        """Return position and velocity of companion `k` on its fixed orbit, relative to the star."""
         time -= float(bodies.begun[k + 1])
         size, e, phase = self.orbits[k]
         mu = self.fixed_mu[k]
@@ -265,24 +285,32 @@ class Orbits:
         """Return f_k (n,) of eqs. (3) and (4) at a time."""
         return np.array([ramped(c, time - begun) for c, begun in zip(self.companions, bodies.begun[1:], strict=True)])
 
-    def _carried(self, ramp: Array) -> Array:
-        """Return the fraction (n,) of the star's motion by each companion that gas and dust have in the run's frame."""
+    def _frame_factors(self, ramp: Array) -> Array:
+        """Return factors (n,) of the star's motion due to each companion: the motion of gas and dust in the run's
+        frame.
+        """
         return np.where(self.central, 0.0, float(self.inertial) - ramp)
 
-    def _on_star(self, bodies: Bodies, beyond_drift: bool) -> Array:
-        """Return GM (n,) of the pull of each companion on the star; `beyond_drift`: without the drift's part."""
+    def _pulls_on_star(self, bodies: Bodies, beyond_drift: bool) -> Array:
+        """Return GM (n,) of the pull of each companion on the star.
+
+        beyond_drift: whether to exclude the part that the drift contains.
+        """
         pull = self.back * bodies.mass[1:]
         if not beyond_drift:
             return pull
         mu, weight = self._weights(bodies.mass)
         return pull - weight * mu
 
-    def _of_centre(self, bodies: Bodies) -> Array:
-        """Return w_k (n,) among the companions that are part of the central mass; 0 for others."""
+    def _central_weights(self, bodies: Bodies) -> Array:
+        """Return w_k (n,) of the companions that are part of the central mass, computed among these; 0 for others."""
         return np.where(self.central, self._weights(bodies.mass, self.central)[1], 0.0)
 
     def _weights(self, mass: Array, among: Array | bool = True) -> tuple[list[float], Array]:
-        """Return mu_k and w_k from masses (n + 1,), the star's first; `among` (n,): companions that count in w_k."""
+        """Return mu_k and w_k of eq. (1) from the masses (n + 1,) of star and companions.
+
+        among (n,): mask of the companions whose masses count in the sum of w_k.
+        """
         mu = [
             (mass[0] + self.back * mass[k + 1]) * ("star" in self.feels[k]) if self.live[k] else self.fixed_mu[k]
             for k in range(len(self.companions))

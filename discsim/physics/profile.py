@@ -1,8 +1,8 @@
-"""The disc of a scene as functions of radius: Sigma, c_s and the pressure force. Numpy only.
+"""Initial disc of a scene as functions of radius: Sigma, c_s and the pressure force. Numpy only.
 
 Sigma = Sigma_ref (r / r_ref)^-p T(r) between the edges, with T rising as sin^2 over the inner taper and falling as
-cos^2 over the outer one. Sigma_ref is given, or follows from the mass, or from the least Toomre Q =
-c_s Omega_K / (pi G Sigma), where c_s is the speed of sound waves (the adiabatic one in adiabatic gas).
+cos^2 over the outer one. The scene gives Sigma_ref, the mass, or the smallest Toomre Q = c_s Omega_K / (pi G Sigma),
+where c_s is the speed of sound waves (the adiabatic one in adiabatic gas).
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ if TYPE_CHECKING:
     from discsim.scene import Scene
 
 Array = np.ndarray
-SAMPLES = 20_001  # sample radii of integrals
-SLOPE = 1e-4  # step of r over r in finite differences
-NEAR, FEWEST = 0.3, 3  # range in ln r of the rings in the fit of a slope, and their least number
+SAMPLES = 20_001  # number of radii in numerical integrals
+SLOPE = 1e-4  # relative step of r in finite differences
+NEAR, FEWEST = 0.3, 3  # range in ln r of the rings in the fit of a slope, and their smallest number
 
 
 @dataclass(frozen=True)
 class Radial:
-    """A disc as functions of radius, from which starts make particles and their velocities.
+    """Disc as functions of radius, from which starts compute the positions and velocities of particles.
 
     All functions take radii (n,) and return arrays (n,) in code units.
 
@@ -41,13 +41,13 @@ class Radial:
     pressure_acceleration : callable (r)
         Return -(1/Sigma) dP/dr of the gas.
     mass_within : callable (r)
-        Return the mass of gas between the first of the rising radii and each.
+        Return the mass of gas between the first radius and each radius; radii must be in rising order.
     dust_share : callable (r), optional
-        Return a factor of the dust-to-gas ratio of each population. None: 1.
+        Return a factor by which the dust-to-gas ratio of each population is multiplied. Default: 1.
     inflow : callable (r), optional
-        Return the radial velocity by viscosity. None: it is computed from Sigma.
+        Return the radial velocity that viscosity causes. Default: computed from Sigma.
     resolution : callable (r), optional
-        Return the number of gas particles per mass, up to a factor. None: uniform.
+        Return the number of gas particles per mass, times any constant. Default: uniform.
     """
 
     inner: float
@@ -61,7 +61,7 @@ class Radial:
 
 
 def radial(scene: Scene) -> Radial:
-    """Return the disc of the scene's start."""
+    """Return the initial disc of a scene."""
     found: Radial = STARTS[scene.initial.kind].radial(scene)
     return found
 
@@ -73,9 +73,9 @@ def of_density(
     surface_density: Callable[[Array], Array],
     inflow: Callable[[Array], Array] | None = None,
 ) -> Radial:
-    """Return the disc of any Sigma(r) with the temperature of gas.eos.
+    """Return the disc with a given Sigma(r) and the temperature of gas.eos.
 
-    Where Sigma declines within less than H, the pressure force is that of a decline over H.
+    The pressure force is limited to that of a Sigma that falls or rises over a length H.
     """
 
     def pressure_acceleration(r: Array) -> Array:
@@ -94,12 +94,12 @@ def of_density(
 
 
 def shape(start: Any, r: Array) -> Array:
-    """Return Sigma / Sigma_ref (n,) at radius `r` (n,), zero beyond the edges."""
+    """Return Sigma / Sigma_ref (n,) at radius `r` (n,); 0 outside the edges."""
     return tapered(start, r, (r / start.reference_radius) ** -start.surface_density_index)
 
 
 def tapered(start: Any, r: Array, out: Array) -> Array:
-    """Return the surface density `out` (n,) at radius `r` (n,) times the tapers, zero beyond the edges."""
+    """Return the surface density `out` (n,) at radius `r` (n,), multiplied by the tapers; 0 outside the edges."""
     out = out * ((r >= start.inner) & (r <= start.outer))
     for edge, width, sign in ((start.inner, start.inner_taper, 1.0), (start.outer, start.outer_taper, -1.0)):
         if width > 0.0:
@@ -112,12 +112,12 @@ def radii(start: Any) -> Array:
 
 
 def cumulative(start: Any, r: Array) -> Array:
-    """Return the integral (n,) of 2 pi r Sigma / Sigma_ref from the first of the rising radii `r` (n,) to each."""
+    """Return integrals (n,) of 2 pi r Sigma / Sigma_ref from r[0] to each of the radii `r` (n,), in rising order."""
     return integral(r, shape(start, r))
 
 
 def integral(r: Array, density: Array) -> Array:
-    """Return the integral (n,) of 2 pi r density from the first of the rising radii `r` (n,) to each."""
+    """Return integrals (n,) of 2 pi r density from r[0] to each of the radii `r` (n,), in rising order."""
     f = 2.0 * np.pi * r * density
     return np.concatenate([[0.0], np.cumsum(0.5 * (f[1:] + f[:-1]) * np.diff(r))])
 
@@ -148,12 +148,12 @@ def reference_density(scene: Scene) -> float:
 
 
 def sound_speed(scene: Scene, r: Array, density: Array) -> Array:
-    """Return sqrt(dP/dSigma) (n,) of the gas at fixed temperature profile (a polytrope: its own sound speed)."""
+    """Return sqrt(dP/dSigma) (n,) of the gas at fixed temperature; for a polytrope, its sound speed."""
     return eos_of(scene).sound_speed(scene, r, density)
 
 
 def thermal_speed(scene: Scene, r: Array, density: Array | None = None) -> Array:
-    """Return sqrt(P / Sigma) (n,) of the gas at radius `r` (n,); a polytrope of particles needs `density` (n,) too."""
+    """Return sqrt(P / Sigma) (n,) of the gas at radius `r` (n,); polytropic particles need `density` (n,) too."""
     if scene.model.given is not None:
         found: Array = scene.model.given(scene).thermal_speed(r)
         return found
@@ -161,15 +161,15 @@ def thermal_speed(scene: Scene, r: Array, density: Array | None = None) -> Array
 
 
 def wave_speed(scene: Scene, r: Array, density: Array) -> Array:
-    """Return the speed (n,) of sound waves in the gas of a run; for adiabatic gas the adiabatic one."""
+    """Return the speed (n,) of sound waves in the gas of a run; for adiabatic gas, the adiabatic sound speed."""
     return eos_of(scene).wave_speed(scene, r, density)
 
 
 def pressure_slopes(scene: Scene, r: Array) -> tuple[Array, Array] | None:
-    """Return -d ln P / d ln r (n,) of the gas at radii `r` (n,), of P integrated over height and of P in the midplane.
+    """Return two slopes -d ln P / d ln r (n,) of the gas at radii `r` (n,); None if the scene is not a disc.
 
-    The former acts in a disc of two dimensions; the latter, P / (sqrt(2 pi) H), in one with a thickness. None if the
-    scene is not a disc.
+    P is the pressure integrated over height for the first slope, which acts in two-dimensional discs, and the midplane
+    pressure P / (sqrt(2 pi) H) for the second.
     """
     start = None if scene.initial is None else STARTS[scene.initial.kind]
     ends: tuple[float, float] = (0.0, np.inf)
@@ -208,7 +208,7 @@ def pressure_slopes(scene: Scene, r: Array) -> tuple[Array, Array] | None:
 
 
 def _slope_at(x: float, places: Array, values: Array) -> float:
-    """Return the slope at `x` of a line fitted to noisy `values` (n,) at sorted `places` (n,) within NEAR of x."""
+    """Return the slope of a line fitted to noisy `values` (n,) at sorted `places` (n,) within about NEAR of x."""
     distance = np.abs(places - x)
     weight = np.maximum(1.0 - distance / max(NEAR, np.sort(distance)[: FEWEST + 1][-1]), 0.0)
     middle = np.average(places, weights=weight)
@@ -220,10 +220,10 @@ def surface_density(scene: Scene, r: Array) -> Array:
 
 
 def pressure_acceleration(scene: Scene, r: Array) -> Array:
-    """Return -(1/Sigma) dP/dr (n,) of the gas at radius `r` (n,) from the smooth profile, without edges.
+    """Return -(1/Sigma) dP/dr (n,) of the gas at radius `r` (n,), without the jumps of Sigma at the edges.
 
-    No rotation balances a taper that declines within less than H = c_s/Omega: the gas spreads. The force of such a
-    taper is that of a decline over H.
+    The force of a taper is limited to that of a Sigma that changes over a length H = c_s/Omega. No rotation balances a
+    steeper taper, and its gas spreads.
     """
     start: Any = scene.initial
     speed2 = sound_speed(scene, r, surface_density(scene, r)) ** 2

@@ -1,4 +1,4 @@
-"""Radiation pressure of the star: a grain with beta = F_rad / F_grav feels a star of mass (1 - beta) M.
+"""Radiation pressure of the star: a grain with beta = F_rad / F_grav moves as about a star of mass (1 - beta) M.
 
 Both forces fall as 1/r^2, so that a dust population has one beta at every radius (Burns, Lamy & Soter 1979, eq. 19).
 """
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def pull_share(scene: Scene) -> np.ndarray:
-    """Return 1 - beta of each dust population (populations,), the factor of the star's pull; repulsive below 0."""
+    """Return 1 - beta (populations,), by which the star's pull on each dust population is multiplied."""
     count = len(scene.dust or ())
     if scene.radiation_pressure is None:
         return np.ones(count)
@@ -24,10 +24,10 @@ def pull_share(scene: Scene) -> np.ndarray:
 
 
 def pushes(scene: Scene, r: np.ndarray, keplerian: np.ndarray) -> np.ndarray | None:
-    """Return the radiation force on each population as a velocity (populations, n): r times it over `keplerian` (n,).
+    """Return the radiation force per mass f on each population as a velocity r f / v (populations, n).
 
-    About the star alone this is beta v_K. Only the star radiates, even if the central mass includes companions. None
-    without radiation pressure.
+    r (n,): radii. keplerian (n,): Keplerian velocity v. About a single star the result is beta v. Only the star
+    radiates, even if the central mass includes companions. Returns None without radiation pressure.
     """
     if scene.radiation_pressure is None:
         return None
@@ -35,9 +35,10 @@ def pushes(scene: Scene, r: np.ndarray, keplerian: np.ndarray) -> np.ndarray | N
 
 
 def lag(scene: Scene, species: np.ndarray, r: np.ndarray, keplerian: np.ndarray) -> np.ndarray:
-    """Return the circular velocity (n,) less `keplerian` (n,) of grains without drag of populations `species` (n,).
+    """Return the difference (n,) of the circular velocity of grains without drag and the Keplerian velocity.
 
-    It is negative. Grains that radiation expels have circular velocity 0.
+    species (n,): populations of the grains. r (n,): radii. keplerian (n,): Keplerian velocity. The difference is
+    negative. Grains that radiation expels have the circular velocity 0.
     """
     found = pushes(scene, r, keplerian)
     assert found is not None

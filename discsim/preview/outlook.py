@@ -62,7 +62,7 @@ class Outlooks:
             inner = min(self.inner, max(inner, star.accretion_radius, MIN_EDGE_RADIUS * self.inner))
         found = Outlook(time, passed, self._gas_at(time), inner, self.outer, inner, self._spacing_at)
         if star is not None and any(companions.particles_reach(self.scene, other, found) for other in self.stars):
-            stream = star.accretion_radius + companions.STREAM * self._spacing_at(star.accretion_radius)
+            stream = star.accretion_radius + companions.SPACINGS_STREAM * self._spacing_at(star.accretion_radius)
             return replace(found, nearest=min(inner, stream))
         return found
 

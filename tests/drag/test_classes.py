@@ -274,7 +274,7 @@ def test_grains_one_by_one_are_what_sums_of_cells_are(cell, turned, direction, m
     """
     found = []
     for few in (0, 1000):
-        monkeypatch.setattr(nodes, "FEW", few)
+        monkeypatch.setattr(nodes, "FEW_GRAINS", few)
         scene = orbiting(inner=0.7, outer=1.3)
         scene["drag"] |= cell | {"direction": direction}
         sim = Simulation(scene)

@@ -7,7 +7,7 @@ from runs import on_threads, put_out, state_bits
 from scenes import changed, problems
 
 from discsim import Simulation, load_scene
-from discsim.effects.growth import SHARE, Effect
+from discsim.effects.growth import GROWTH_STEP, Effect
 from discsim.formulas import laws
 from discsim.numerics.state import Pace
 from discsim.output.history import columns_of, history_row
@@ -94,8 +94,8 @@ def test_grains_of_a_disc_grow_as_its_zones_do():
 def test_grains_are_behind_by_their_share_at_most(monkeypatch):
     """Against growth in every step; where there is a tenth of the dust it comes once in some of them."""
     sizes, grew = {}, {}
-    for share in (SHARE, 0.0):
-        monkeypatch.setattr("discsim.effects.growth.SHARE", share)
+    for share in (GROWTH_STEP, 0.0):
+        monkeypatch.setattr("discsim.effects.growth.GROWTH_STEP", share)
         star = {"mass": 1.0, "accretion_radius": 0.3}  # which takes none
         sim = Simulation(disc(gas=400, dust=300, size=1e-4, ratio=0.03, star=star))
         grew[share], sizes[share] = 0, []
@@ -103,10 +103,10 @@ def test_grains_are_behind_by_their_share_at_most(monkeypatch):
             sim.step()
             grew[share] += sim.state.pace.since == 0.0
             sizes[share].append(sim.dust.size[np.argsort(sim.dust.ids)])
-    assert grew[0.0] == 12 and 2 <= grew[SHARE] <= 6
-    behind = np.log(np.array(sizes[0.0]) / np.array(sizes[SHARE]))
+    assert grew[0.0] == 12 and 2 <= grew[GROWTH_STEP] <= 6
+    behind = np.log(np.array(sizes[0.0]) / np.array(sizes[GROWTH_STEP]))
     # A step's growth more, which is half of the share here; and grains are where they drift to at other sizes.
-    assert 0.5 * SHARE < behind.max() < 1.5 * SHARE and behind.min() > -0.2 * SHARE
+    assert 0.5 * GROWTH_STEP < behind.max() < 1.5 * GROWTH_STEP and behind.min() > -0.2 * GROWTH_STEP
 
 
 # Where growth ends

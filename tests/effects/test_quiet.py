@@ -348,10 +348,10 @@ def test_rings_are_four_tenths_of_a_scale_height_wide(index):
     eos = {"kind": "locally-isothermal", "aspect_ratio": 0.11, "temperature_index": index, "reference_radius": 2.0}
     rings = Disc(load_scene(disc(gas={**GAS, "eos": eos})))
     r = np.array([1.3, 2.0, 3.7])
-    places = rings._places(r)
-    np.testing.assert_allclose(rings._radii(places), r, rtol=1e-12)
+    places = rings._ring_coordinates(r)
+    np.testing.assert_allclose(rings._radii_of_rings(places), r, rtol=1e-12)
     height = 0.11 * r * (r / 2.0) ** (0.5 * (1.0 - index))
-    width = (rings._radii(places + 1e-4) - rings._radii(places - 1e-4)) / 2e-4
+    width = (rings._radii_of_rings(places + 1e-4) - rings._radii_of_rings(places - 1e-4)) / 2e-4
     np.testing.assert_allclose(width, 0.4 * height, rtol=1e-6)
 
 

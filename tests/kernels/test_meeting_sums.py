@@ -41,7 +41,7 @@ def most_listed(lists):
 def test_growth_sums_what_is_about_a_grain_and_a_gas_particle(sim):
     gas, dust, effect = sim.gas, sim.dust, sim.effects["growth"]
     met = meeting.Surroundings(effect.sph, gas).meet(dust.pos, dust.global_index)
-    field = effect._about(sim.state, met, np.zeros(2))
+    field = effect._surroundings(sim.state, met, np.zeros(2))
     assert max(most_listed(met.gas_about), most_listed(met.grains_about)) > CHUNK  # packs are filled more than once
     w, steep, way = weights(dust.pos, gas.pos, gas.h)
     own, volume, there = gas.mass - gas.small, gas.mass / gas.density, w.sum(axis=1) > 0.0
@@ -67,7 +67,7 @@ def test_what_grains_take_is_what_gas_gives(sim):
     """Pair by pair, also where more is asked than there is."""
     gas, dust, effect = sim.gas, sim.dust, sim.effects["growth"]
     met = meeting.Surroundings(effect.sph, gas).meet(dust.pos, dust.global_index)
-    field, before = effect._about(sim.state, met, np.zeros(2)), dust.mass.copy()
+    field, before = effect._surroundings(sim.state, met, np.zeros(2)), dust.mass.copy()
     w, _, way = weights(dust.pos, gas.pos, gas.h)
     bent = 1.0 - np.einsum("jid,jd->ji", way, field[:, growth.TAKE + 1 : growth.TAKE + 3])
     wanted = np.where(np.arange(dust.count) % 3 == 0, -0.1, 0.4) * dust.mass * (w.sum(axis=1) > 0.0)
@@ -76,7 +76,7 @@ def test_what_grains_take_is_what_gas_gives(sim):
     small, own = gas.small.copy(), gas.mass - gas.small
     bent = 1.0 - np.einsum("jid,jd->ji", way, field[:, growth.GIVE + 1 : growth.GIVE + 3])
     come = own * (w * bent * (field[:, growth.GIVE] * np.maximum(-wanted, 0.0))[:, None]).sum(axis=0)
-    effect._hand_over(sim.state, met, field, wanted)
+    effect._exchange_mass(sim.state, met, field, wanted)
     alike(dust.mass - before, np.minimum(wanted, 0.0) + parts @ (small / np.maximum(1.0, asked)))
     alike(gas.small - small, come - small * np.minimum(1.0, asked))
 

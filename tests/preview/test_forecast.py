@@ -17,7 +17,7 @@ from discsim.cli import app
 from discsim.effects import effect_classes
 from discsim.effects.base import Counts
 from discsim.effects.drag import Effect as Drag
-from discsim.effects.gas import NEIGHBOUR, SLOPES
+from discsim.effects.gas import NEIGHBOUR, RECONSTRUCTED
 from discsim.preview.check import report
 from discsim.preview.forecast import expected_steps, forecast, known_runs, slowness, store_slowness
 from discsim.preview.outlook import Outlooks
@@ -286,7 +286,9 @@ def test_neighbours_cost_by_their_number(kernel, reach, store):
         for eta in (1.2, 1.5)
     )
     more = np.pi * reach**2 * (1.5**2 - 1.2**2)
-    assert many.step_seconds - few.step_seconds == pytest.approx(1000 * 1e-9 * SLOPES * NEIGHBOUR["double"] * more)
+    assert many.step_seconds - few.step_seconds == pytest.approx(
+        1000 * 1e-9 * RECONSTRUCTED * NEIGHBOUR["double"] * more
+    )
 
 
 def run_here(scene, slow, cpu=100.0, wall=None):

@@ -1,1 +1,1 @@
-"""Drag schemes as published, for comparisons, and the modules that they share."""
+"""Drag schemes of other codes, as published, for comparisons, and the modules that these schemes share."""

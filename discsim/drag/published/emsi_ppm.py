@@ -6,12 +6,13 @@ start of the step. The changes by advection and pressure are accelerations insid
     ds/dt = a_d - a_g - (1 + eps) s / t_stop,   s = u - v
     rho_g v = (rho_g v)* + J,   rho_d u = (rho_d u)* - J,   J = rho_g rho_d / (rho_g + rho_d) (s* - s)
 
-The solution is the exact exponential, or with integration = "implicit" backward Euler. The fluxes thus include the
-inertia of the dust, and the step is second order at any stiffness. Frictional heat closes the energy of a cell.
+v^n is the velocity before the step, a star marks values after the fluxes of the stage. The solution is the exact
+exponential, or backward Euler with integration = "implicit". The fluxes thus include the inertia of the dust, and the
+step is second order at any stiffness. Frictional heat conserves the total energy of a cell.
 
-This is the momentum-conserving scheme of the comparison of Stoyanovskaya et al. 2018 (arXiv:1811.06522), from its
-abstract and name: drag implicit in both velocities. The differences from a splitting are ours, and so are the stages
-and the exponential.
+This is the momentum-conserving scheme in the comparison of Stoyanovskaya et al. 2018 (arXiv:1811.06522), as far as its
+abstract describes it: drag implicit in both velocities. The accelerations inside the relaxation, the stages and the
+exponential are additions of discsim.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Rules of the schemes on a fixed grid: one line of cells, and no table or key that needs particles."""
+"""Rules for scenes with a drag scheme on a fixed 1D grid: no tables or keys that need particles or 2D space."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ OF_SPH = (
 
 
 def _tables(draft: Draft) -> Iterator[Problem]:
-    """Yield problems of tables and keys that do not go with a fixed grid."""
+    """Yield problems of tables and keys that do not apply to a fixed grid."""
     scheme = _named(draft)
     if draft.space and draft.dimensions != 1:
         yield ("space", "dimensions"), f"{scheme} is a fixed 1D grid; expected 1"

@@ -1,8 +1,8 @@
 """Drag of each particle towards the interpolated velocity of the other species, for esph and isph.
 
-Momentum is as good as the interpolation. The impulses that dust takes from gas and gas from dust are sums over
-different particles, which are equal only where fields are smooth. Heat is the work of the drag on the gas, right to
-first order in the step.
+Momentum is conserved only as well as the interpolation is accurate: the impulses on dust and on gas are sums over
+different particles, which cancel only in smooth fields. Heat is the work of the drag on the gas, right to first order
+in the step.
 """
 
 from __future__ import annotations
@@ -16,9 +16,10 @@ from discsim.numerics.threads import parallel_for
 
 
 def follow(gas: Gas, dust: Dust, law: Law, found: list[Pairs], dt: float, heat: Array, implicit: bool) -> Kicked:
-    """Kick gas and dust over dt, each towards the interpolated velocity of the other (`kernels/drag/interpolation.py`).
+    """Kick gas and dust over dt towards each other's interpolated velocities (`kernels/drag/interpolation.py`).
 
-    With `implicit` the interpolated velocities include the accelerations that gas and dust do not share.
+    found: pairs of each population. implicit: whether the kick is implicit in a particle's own velocity; interpolated
+    velocities then include `acc_unshared`.
     """
     count, grains = len(gas.mass), len(dust.mass)
     gas_now, dust_now = gas.vel, dust.vel
@@ -33,7 +34,7 @@ def follow(gas: Gas, dust: Dust, law: Law, found: list[Pairs], dt: float, heat: 
 
 
 def seen_by_dust(dust: Dust, found: list[Pairs], gas_vel: Array) -> tuple[Array, Array]:
-    """Return the drag rate (n,) of each dust particle, and the velocity (n, d) of the gas at its position."""
+    """Return the drag rate (n,) of each dust particle, and the gas velocity (n, d) interpolated to its position."""
     rate, other = np.zeros(len(dust.mass)), np.zeros_like(dust.vel)
     for pairs in found:
         there = np.empty_like(pairs.cloud.pos)
@@ -43,8 +44,9 @@ def seen_by_dust(dust: Dust, found: list[Pairs], gas_vel: Array) -> tuple[Array,
 
 
 def seen_by_gas(gas: Gas, found: list[Pairs], dust_vel: Array) -> tuple[Array, Array]:
-    """Return the drag rate (n,) of each gas particle, and the velocity (n, d) of the dust there, weighted by the
-    rates.
+    """Return the drag rate (n,) of each gas particle, and the dust velocity (n, d) interpolated to its position.
+
+    Populations contribute to the velocity in proportion to their drag rates.
     """
     rate, pull = np.zeros(len(gas.mass)), np.zeros_like(gas.vel)
     for pairs in found:

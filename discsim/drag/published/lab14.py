@@ -14,13 +14,13 @@ beyond its own velocity. So the impulses of a pair are scaled down together, by
 
     2 / max(2, e_j, e_a),   e_i = max over the pairs (j, a) of i of l_j + l_a                                        (1)
 
-with the largest eigenvalue l_i of sum c r^ r^T / m_i over the pairs of i, whose slip y loses c y to each other. As
-|sum c y r^|^2 <= m_i l_i sum c y^2 for both particles of each pair, the energy of motion then changes by
+where a pair with slip y exchanges the impulse c y, and l_i is the largest eigenvalue of sum c r^ r^T / m_i over the
+pairs of i. As |sum c y r^|^2 <= m_i l_i sum c y^2 for both particles of each pair, the kinetic energy then changes by
 
     dE = -sum c y^2 + sum_i |sum c y r^|^2 / (2 m_i) <= 0.
 
-Where gas and dust have similar numbers l_j + l_a is about 1 - exp(-dt/t), and nothing is scaled. Where impulses are
-scaled, the coupling of gas and dust is weaker than it should be.
+If gas and dust have similar numbers of particles, l_j + l_a is about 1 - exp(-dt/t), and no impulse is scaled. Scaled
+impulses couple gas and dust less strongly than the drag law.
 """
 
 from __future__ import annotations
@@ -44,18 +44,19 @@ if TYPE_CHECKING:
 
 kernels, between = Lazy("discsim.kernels.drag.pairs"), Lazy("discsim.drag.published.pairs")
 
-FLAT = np.empty((0, 0, 0))
-IN_TURN = np.empty(0, np.uint32)  # stands for the order of the pairs by dust particle
+NO_SLOPES = np.empty((0, 0, 0))
+ALREADY_SORTED = np.empty(0, np.uint32)  # an empty order: pairs are already sorted by dust particle
 
 
 def kick(gas: Gas, dust: Dust, law: Law, frame: Frame, dt: float, cells: Any, work: Work) -> Kicked:
-    return relax_each_pair(gas, dust, law, frame, dt, work, lambda sph, points, vel: FLAT)
+    return relax_each_pair(gas, dust, law, frame, dt, work, lambda sph, points, vel: NO_SLOPES)
 
 
 def relax_each_pair(gas: Gas, dust: Dust, law: Law, frame: Frame, dt: float, work: Work, slopes: Slopes) -> Kicked:
-    """Relax the slip of each pair, taken at a common point.
+    """Relax the slip of each pair by itself.
 
-    slopes(sph, points, vel): velocity slopes (n, d, d) of a species, which take its velocities there, or no entries.
+    slopes(sph, points, vel): return the velocity gradients (n, d, d) of a species, by which its velocity is
+    extrapolated to a common point of the pair; an empty array for velocities at the particles.
     """
     found = between.pair_up(gas, dust, law, frame, work, whole=True)
 
@@ -78,11 +79,11 @@ def relax_each_pair(gas: Gas, dust: Dust, law: Law, frame: Frame, dt: float, wor
 
 
 def limit_impulses(pairs: Pairs, gas: Gas, pull: Array, pushed: Array) -> None:
-    """Scale the impulses of pairs in place, eq. (1); `pull` (pairs,) is their c."""
+    """Scale the impulses `pushed` (pairs, d) in place, eq. (1); `pull` (pairs,) has c of each pair."""
     cloud, count = pairs.cloud, len(gas.mass)
     one, other = np.empty(cloud.count), np.empty(count)
     both, gas_both = np.empty(cloud.count), np.empty(count)
-    of_dust, of_gas = (cloud.count, pairs.start, IN_TURN), (count, pairs.begin, pairs.by_gas)
+    of_dust, of_gas = (cloud.count, pairs.start, ALREADY_SORTED), (count, pairs.begin, pairs.by_gas)
     parallel_for(kernels.shares, *of_dust, pairs.offset, pull, cloud.mass, one)
     parallel_for(kernels.shares, *of_gas, pairs.offset, pull, gas.mass, other)
     parallel_for(kernels.most_shares, *of_dust, pairs.gas, one, other, both)

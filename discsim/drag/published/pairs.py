@@ -1,12 +1,12 @@
-"""Pairs of gas and dust particles, for the schemes that exchange momentum between them.
+"""Pairs of gas and dust particles, for drag schemes that exchange momentum between the particles of a pair.
 
-Gas and dust are a pair within the support of the gas particle's own h. The density of a population is an SPH sum over
-its own particles, whose smoothing lengths follow the gas's rule. A scheme computes the impulse of each pair, and the
-gas gets the opposite.
+A gas and a dust particle form a pair if their distance is within the support radius of the gas particle. The density of
+a dust population is an SPH sum over its own particles, whose smoothing lengths follow the same rule as those of the
+gas. A scheme computes the impulse on the dust particle of each pair; the gas particle gets the opposite impulse.
 
-Populations are kicked one after the other, as many stiff ones at once would overshoot. An explicit scheme kicks all
-from the same velocities. The kinetic energy that a kick loses beyond the work of the accelerations is heat of the gas
-of the pair.
+Implicit schemes kick one population after the other, as several stiff populations at once would overshoot. Explicit
+schemes kick all from the same velocities. The kinetic energy that a pair loses beyond the work of accelerations heats
+its gas particle.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from discsim.drag.base import Array, Dust, Gas, Kicked, Law, Work
-from discsim.drag.cloud import Cloud, cloud_of, guess_h, settle_density
+from discsim.drag.cloud import Cloud, cloud_of, guess_h, solve_density
 from discsim.kernels.common.move import add_scaled
 from discsim.kernels.common.neighbours import CELL_OVER_REACH
 from discsim.kernels.drag import pairs as kernels
@@ -31,12 +31,12 @@ if TYPE_CHECKING:
     from discsim.kernels.common.neighbours import Cells
     from discsim.kernels.drag.frame import Frame
 
-IN_A_CELL = 16.0  # dust particles in a cell of the neighbour search
-MOST_STEPS = 20_000  # most explicit steps within a kick
+IN_A_CELL = 16.0  # mean number of dust particles in a cell of the neighbour search
+MOST_STEPS = 20_000  # largest number of explicit substeps in a kick
 
 
 class Pairs(NamedTuple):
-    """Pairs of one population; those of dust particle j are start[j] to start[j + 1]."""
+    """Pairs of one population; the pairs of its dust particle j have the indices start[j] to start[j + 1] - 1."""
 
     cloud: Cloud
     start: Array
@@ -54,7 +54,7 @@ class Pairs(NamedTuple):
 def pair_up(gas: Gas, dust: Dust, law: Law, frame: Frame, work: Work, whole: bool) -> list[Pairs]:
     """Return the pairs of every population.
 
-    whole: whether the shares of a dust particle's drag sum to one.
+    whole: whether the weights of a dust particle's pairs are normalised, so that their sum is one.
     """
     sph, found = work.new_sph(), []
     cells = sph.cells_of(gas)
@@ -70,13 +70,13 @@ def _pairs_of(
     gas: Gas, cloud: Cloud, vel: Array, cells: Cells, ratio: float, law: Law, population: int, frame: Frame,
     whole: bool, work: Work,
 ) -> Pairs:  # fmt: skip
-    """Return the pairs of one population, with density, shares and rates of its drag."""
+    """Return the pairs of one population, with its density and drag rates; vel (n, d): velocities of its particles."""
     sph, n = cloud.sph, cloud.count
-    start, index, offset = _list(cloud, gas, cells)
+    start, index, offset = _list_pairs(cloud, gas, cells)
     by_gas, begin = counting_sort(index, len(gas.mass))
     plain = np.empty(len(index))
     parallel_for(kernels.weight_driver(sph.kernel, sph.dim, False), len(index), index, offset, gas.h, plain)
-    _settle_density(cloud, gas, start, index, plain, ratio)
+    _solve_density(cloud, gas, start, index, plain, ratio)
     weight = plain
     if work.double_hump:
         weight = np.empty(len(index))
@@ -92,8 +92,8 @@ def _pairs_of(
     return Pairs(cloud, start, dust, index, offset, weight, by_gas, begin, part, time, rate)
 
 
-def _list(cloud: Cloud, gas: Gas, cells: Cells) -> tuple[Array, Array, Array]:
-    """Return the start of the pairs of each dust particle (n + 1,), and the gas index and offset of each pair."""
+def _list_pairs(cloud: Cloud, gas: Gas, cells: Cells) -> tuple[Array, Array, Array]:
+    """Return `start` (n + 1,), `gas` (pairs,) and `offset` (pairs, d) of `Pairs`, from a neighbour search."""
     low, width = cloud.sph.box_of(cloud)
     area = np.prod(width[width > 1e-300])
     side = (IN_A_CELL * area / cloud.count) ** (1.0 / max(1, (width > 1e-300).sum()))
@@ -117,8 +117,8 @@ def _list(cloud: Cloud, gas: Gas, cells: Cells) -> tuple[Array, Array, Array]:
     return start, index, offset
 
 
-def _settle_density(cloud: Cloud, gas: Gas, start: Array, index: Array, weight: Array, ratio: float) -> None:
-    """Solve for smoothing length and density of the dust; the first guess is dust mixed evenly with the gas."""
+def _solve_density(cloud: Cloud, gas: Gas, start: Array, index: Array, weight: Array, ratio: float) -> None:
+    """Solve for smoothing length and density of the dust; the first guess is dust mixed with the gas at `ratio`."""
     sph = cloud.sph
     if sph.fixed:
         cloud.h[:] = gas.h[0]
@@ -126,7 +126,7 @@ def _settle_density(cloud: Cloud, gas: Gas, start: Array, index: Array, weight: 
         parallel_for(kernels.gather, cloud.count, start, index, weight, gas.mass, cloud.density)
         mixed = ratio * np.where(cloud.density > 0.0, cloud.density, gas.density.min())
         cloud.h[:] = guess_h(cloud, mixed)
-    settle_density(cloud)
+    solve_density(cloud)
 
 
 Impulse = Callable[[Pairs, Array, Array, Array], None]  # pairs, velocities of dust and gas, output of impulses
@@ -135,7 +135,11 @@ Impulse = Callable[[Pairs, Array, Array, Array], None]  # pairs, velocities of d
 def exchange(
     gas: Gas, dust: Dust, law: Law, found: list[Pairs], dt: float, heat: Array, impulse: Impulse, at_once: bool
 ) -> None:
-    """Kick gas and dust over dt with the impulses of all pairs; with `at_once` all from the initial velocities."""
+    """Kick gas and dust over dt, by the impulses of all pairs and by accelerations, and add the heat to `heat`.
+
+    impulse: function that computes the impulses of a population's pairs. at_once: whether the impulses of all
+    populations depend on the initial gas velocities; else populations are kicked one after the other.
+    """
     count, gas_before, dust_before = len(gas.mass), gas.vel.copy(), dust.vel.copy()
     given = []
     for pairs in found:
@@ -160,7 +164,7 @@ def exchange(
 
 
 def times_in(dust: Dust, found: list[Pairs]) -> Kicked:
-    """Return the stopping times of the dust, and the rows of dust without gas."""
+    """Return the results of a kick: stopping times of the dust, and the indices of dust without gas."""
     times = np.full(len(dust.mass), np.inf)
     for pairs in found:
         coupled = pairs.rate > 0.0
@@ -169,9 +173,9 @@ def times_in(dust: Dust, found: list[Pairs]) -> Kicked:
 
 
 def short_steps(scheme: str, law: Law, dt: float, rate: float) -> int:
-    """Return the number of explicit steps within a kick over dt, at the largest drag rate.
+    """Return the number of explicit substeps in a kick over dt; `rate` is the largest drag rate.
 
-    Two-way drag limits the step of the run instead. Raises FloatingPointError above MOST_STEPS.
+    It is 1 with two-way drag, which limits the step of the run instead. Raises FloatingPointError above MOST_STEPS.
     """
     if law.two_way or dt == 0.0:
         return 1
@@ -186,8 +190,8 @@ def short_steps(scheme: str, law: Law, dt: float, rate: float) -> int:
 def fastest(gas: Gas, law: Law, work: Work, found: list[Pairs]) -> float:
     """Return the largest rate at which drag changes the velocity of a particle.
 
-    Explicit steps up to its inverse are stable: a row of the drag's matrix sums to zero, so that no eigenvalue is
-    above twice its diagonal (Gershgorin).
+    Explicit steps up to the inverse of this rate are stable: the rows of the drag matrix sum to zero, so that no
+    eigenvalue is above twice the largest diagonal element (Gershgorin).
     """
     rates = np.zeros(len(gas.mass))
     if law.two_way:

@@ -5,9 +5,9 @@
 with the slopes G of each species' own velocity (`kernels/drag/slopes.py`) and L the monotonised central limiter of van
 Leer: 0 for slopes of opposite signs, otherwise the smallest of |a + b| / 2, 2 |a| and 2 |b| with their sign. Price &
 Laibe 2020 (arXiv:2005.06562). L gives both slopes one value, so each point between the two particles gives the same
-slip. Differences of velocity along r, which lab14 damps, stay. Momentum and angular momentum are exact, at any step.
-Impulses of sparse dust are scaled down as in lab14. The bound on the energy there holds for slips that are equal at
-both places.
+slip. lab14 also damps velocity differences within a species along r; this scheme does not. Momentum and angular
+momentum are exact, at any step. Impulses of sparse dust are scaled down as in lab14. The proof there that kinetic
+energy decreases holds here only if the slip is the same at both particles.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def kick(gas: Gas, dust: Dust, law: Law, frame: Frame, dt: float, cells: Any, wo
 
 
 def slopes_of(sph: Sph, points: Any, vel: Array) -> Array:
-    """Return the slopes (n, d, d) of a velocity `vel` (n, d) of `Gas` or of a `Cloud` of dust."""
+    """Return the gradients (n, d, d) of the velocities `vel` (n, d) of `Gas`, or of a `Cloud` of dust."""
     cells = sph.cells_of(points)
     slope, fit = np.empty((len(points.mass), sph.dim, sph.dim)), kernels.slope_driver(sph.kernel, sph.dim)
     parallel_for(

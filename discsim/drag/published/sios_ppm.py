@@ -1,7 +1,7 @@
-"""sios-ppm: gas and dust as fluids on a fixed 1D grid; drag semi-implicit and split off, momentum not conserved.
+"""sios-ppm: gas and dust as fluids on a fixed 1D grid; semi-implicit drag after the fluxes; momentum not conserved.
 
-A step of the fluids without drag (`discsim/numerics/ppm.py`) gives v* and u*. In every cell the velocity of each
-species is then implicit, with the old velocity of the other:
+A step of the fluids without drag (`discsim/numerics/ppm.py`) gives v* and u*. In every cell the drag is then implicit
+in the velocity of the species itself, and explicit in that of the other species:
 
     v = (v* + eps dt/t_stop u*) / (1 + eps dt/t_stop),   u = (u* + dt/t_stop v*) / (1 + dt/t_stop)
 
@@ -9,9 +9,9 @@ First order, and stable at any step. The total momentum of a cell changes by
 
     eps rho_g x (u* - v*) [1 / (1 + eps x) - 1 / (1 + x)],   x = dt/t_stop
 
-which vanishes at eps = 1 alone. At dt >> t_stop the species exchange their velocities, and the slip, instead of
-decaying, changes sign with each step. Semi-implicit operator splitting of the comparison of Stoyanovskaya et al. 2018
-(arXiv:1811.06522), from its abstract and name. Frictional heat is the loss of energy of the slip.
+which vanishes only for eps = 1. At dt >> t_stop the species exchange their velocities, and the slip, instead of
+decaying, changes sign in each step. This is the semi-implicit operator splitting in the comparison of Stoyanovskaya et
+al. 2018 (arXiv:1811.06522), as far as its abstract describes it. Frictional heat is the energy that the slip loses.
 """
 
 from __future__ import annotations
