@@ -10,7 +10,7 @@ KEPT = ("NUMBA_CACHE_DIR",)
 # How names begin, by what reads them.
 REMOVED = (
     "NUMBA_", "NPY_", "OMP_", "GOMP_", "KMP_", "MKL_", "OPENBLAS_", "BLIS_",  # loops and their threads
-    "MALLOC_", "GLIBC_",  # discsim/numerics/memory.py leaves malloc as they say
+    "MALLOC_", "GLIBC_",  # discsim/cli/process.py leaves malloc as they say
     "PMI_", "PMIX_", "OMPI_", "MV2_", "HYDRA_", "SLURM_",  # tests in a job of a cluster are no ranks of it
     "MPLBACKEND", "MATPLOTLIBRC", "SOURCE_DATE_EPOCH",
     "TERM", "COLUMNS", "LINES", "COLORTERM", "NO_COLOR", "FORCE_COLOR", "CLICOLOR", "PY_COLORS", "TTY_",

@@ -166,7 +166,7 @@ def gas_rates(first, last, by_gas, begin, dust, part, time, dmass, mass, out):
 
 @jit
 def push_explicitly(first, last, start, gas, offset, part, time, h, mass, vel, gvel, dt, impulse):
-    """Write the impulse of each pair on its dust particle over dt, along the line of sight (`drag/mk.py`)."""
+    """Write the impulse of each pair on its dust particle over dt, along the line of sight (`drag/published/mk.py`)."""
     dim = offset.shape[1]
     for j in range(first, last):
         for k in range(start[j], start[j + 1]):
@@ -193,12 +193,12 @@ def push_by_relaxing(
     first, last, pairs, offset, gas, gas_own, gas_slope, dust, own, slope, two_way, dt, exponential, pull, impulse
 ):
     """Write the impulse of each pair on its dust particle over dt; the pair's slip relaxes by itself
-    (`drag/lab14.py`).
+    (`drag/published/lab14.py`).
 
     Writes `pull`, the c of eq. (1) there: the impulse that a slip of one along the line of sight loses. `slope` and
     `gas_slope` (n, d, d), d v_c / d x_a at [a, c], extrapolate the slip to a common point, as in
-    `drag/reconstructed.py`; without entries the slip is that between the two positions. `own` has no entries if dust
-    has no sources.
+    `drag/published/reconstructed.py`; without entries the slip is that between the two positions. `own` has no entries
+    if dust has no sources.
     """
     dim = offset.shape[1]
     for j in range(first, last):
@@ -268,7 +268,7 @@ def most_shares(first, last, begin, order, mine, one, other, both):
 
 @jit
 def limit_impulses(first, last, start, gas, both, gas_both, impulse):
-    """Scale impulses down to where they cannot create kinetic energy (`drag/lab14.py`)."""
+    """Scale impulses down to where they cannot create kinetic energy (`drag/published/lab14.py`)."""
     for j in range(first, last):
         for k in range(start[j], start[j + 1]):
             scale = 2.0 / max(2.0, both[j], gas_both[gas[k]])

@@ -1,4 +1,4 @@
-"""Drag in the cells of a fixed grid, in place; equations in `drag/emsi_ppm.py` and `drag/sios_ppm.py`.
+"""Drag in the cells of a fixed grid, in place; equations in `drag/published/` (`emsi_ppm.py`, `sios_ppm.py`).
 
 Rows of `cells` (5, n) as in `kernels/fluid1d/ppm.py`. Cells without dust do not change.
 """
