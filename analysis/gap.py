@@ -34,7 +34,7 @@ from rich.table import Table
 from scipy.ndimage import gaussian_filter1d
 
 from discsim import SceneError, load_scene
-from discsim.output.history import LARGEST
+from discsim.output.history import MAX_BYTES
 from discsim.output.snapshot import Snapshot, SnapshotError, read_snapshot
 from discsim.physics.centre import kepler_omega
 from discsim.physics.companions import scale_height
@@ -68,7 +68,7 @@ def companion_at(directory: Path, times: list[float]) -> tuple[np.ndarray, float
     path = directory / "companions.csv"
     if not path.exists():
         raise InputError(f"{path}: not there; expected the output directory of a run with a companion")
-    rows = list(csv.DictReader(read_text(path, most=LARGEST).splitlines()))
+    rows = list(csv.DictReader(read_text(path, most=MAX_BYTES).splitlines()))
     if {row["number"] for row in rows} != {rows[0]["number"]}:
         raise InputError(f"{path}: several companions; expected one")
     columns = ("time", "x", "y", "mass", "semi_major_axis")

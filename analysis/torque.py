@@ -33,7 +33,7 @@ from rich.console import Console
 from rich.table import Table
 
 from discsim import SceneError, load_scene
-from discsim.output.history import LARGEST
+from discsim.output.history import MAX_BYTES
 from discsim.physics import profile
 from discsim.physics.centre import kepler_omega
 from discsim.physics.companions import scale_height, softening
@@ -75,7 +75,7 @@ def torque(directory: Path, start: float) -> Torque:
     if not path.exists():
         raise InputError(f"{path}: not there; expected the output directory of a run with a companion")
     scene = load_scene(directory / "scene.toml")
-    rows = list(csv.DictReader(read_text(path, most=LARGEST).splitlines()))
+    rows = list(csv.DictReader(read_text(path, most=MAX_BYTES).splitlines()))
     table = np.array([[float(row[key]) for key in COLUMNS] for row in rows])
     of_each = [table[table[:, 0] == number] for number in np.unique(table[:, 0])]
     masses = np.array([own[-1, MASS] for own in of_each])

@@ -353,7 +353,7 @@ def reading(path: str | os.PathLike[str], error: type[Exception], kind: str) -> 
 
 
 def write_provenance(file: h5py.File, kind: str) -> None:
-    """Write attributes: the kind of the file ("snapshot", "checkpoint"), and discsim's version and command line."""
+    """Write attributes: the kind of the file, and discsim's version and command line."""
     file.attrs["discsim"] = np.bytes_(kind)
     file.attrs["version"] = np.bytes_(__version__)
     file.attrs["command"] = np.bytes_(os.fsencode(command()))

@@ -41,7 +41,7 @@ def passive_energy(scene: Scene, r: Array) -> Array:
 
 
 def cooling_time(scene: Scene, r: Array) -> Array:
-    """Return t_cool (n,) at radius `r` (n,) for the kinds "beta" and "constant"."""
+    """Return t_cool (n,) at radius `r` (n,) where it is a constant or proportional to 1 / Omega."""
     own: Any = scene.cooling
     r = np.asarray(r, float)
     return own.beta / kepler_omega(scene, r) if own.kind == "beta" else np.full(r.shape, own.t_cool)

@@ -68,7 +68,7 @@ def test_a_full_disk_of_the_cache_is_not_the_directory_of_the_run(tmp_path, monk
     assert run_scene(scene_of(tmp_path, WAVE), tmp_path / "out", quiet=True) == 1
     message = capsys.readouterr().err
     place = cache.folder()
-    assert message.startswith(f"{place}: compiled kernels cannot be written: No space left on device. Make room ")
+    assert message.startswith(f"{place}: compiled kernels cannot be written: No space left on device. Free disk ")
     assert place.is_dir() and "NUMBA_CACHE_DIR" in message and len(message.splitlines()) == 1
 
 

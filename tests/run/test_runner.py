@@ -244,7 +244,7 @@ def test_stopping_times_of_a_snapshot_are_those_of_its_closing_kick(tmp_path, mo
         anew, uncoupled = drag.current_stopping_times(state), drag.uncoupled
     with sim.synchronised() as state, monkeypatch.context() as patch:
         assert drag._kicked == kicked == (2, state.time)
-        patch.setattr(drag, "_relax", None)
+        patch.setattr(drag.engine, "kick", None)
         np.testing.assert_array_equal(drag.current_stopping_times(state), anew)
         assert drag.uncoupled == uncoupled
 
@@ -255,7 +255,7 @@ def test_stopping_times_that_depend_on_the_slip_are_made_anew(tmp_path, monkeypa
     sim.evolve(sim.scene.run.until, lambda: sim.state.step == 1)
     drag, made = sim.effects["drag"], []
     monkeypatch.setattr(drag.law, "nonlinear", True)
-    monkeypatch.setattr(drag, "_relax", lambda *given: made.append(given))
+    monkeypatch.setattr(drag.engine, "kick", lambda *given: made.append(given))
     drag._kicked = sim.state.step, sim.state.time
     drag.current_stopping_times(sim.state)
     assert len(made) == 1

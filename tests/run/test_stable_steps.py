@@ -182,7 +182,7 @@ def test_gas_is_watched_in_whatever_order_it_is(swings):
                 watch.check(state, {})
         else:
             watch.check(state, {})
-    assert len(watch.seen) == 3
+    assert len(watch.samples) == 3
 
 
 def test_shaken_gas_in_steps_below_the_bound_goes_on():
