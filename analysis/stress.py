@@ -31,7 +31,7 @@ from rich.table import Table
 from discsim import Simulation
 from discsim.output.snapshot import Snapshot, SnapshotError, read_snapshot
 from discsim.physics.centre import kepler_omega
-from discsim.physics.cooling import passive_energy
+from discsim.physics.cooling import target_energy
 from discsim.scene import Scene, load_scene
 from discsim.study.scripts import write_csv
 
@@ -88,7 +88,7 @@ def rings_of(snap: Snapshot, edges: np.ndarray) -> Rings:
     within = np.cumsum(total(torque))[:-1]  # at each edge
     flux = -within / (2.0 * np.pi * edges**2)
     energy = np.ones(gas.count) if gas.u is None else gas.u
-    least = np.zeros(gas.count) if scene.cooling is None else passive_energy(scene, r)
+    least = np.zeros(gas.count) if scene.cooling is None else target_energy(scene, r)
     return Rings(
         snap.time,
         mass[inside] / area,

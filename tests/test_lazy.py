@@ -93,9 +93,7 @@ GRID = {
     "discsim.numerics.ppm",
     "discsim.kernels.fluid1d.ppm",
     "discsim.kernels.fluid1d.drag",
-    "discsim.effects.cells_gas",
-    "discsim.effects.cells_dust",
-    "discsim.effects.cells_drag",
+    "discsim.effects.cells",
     "discsim.drag.published.emsi_ppm",
 }
 # The files of effects have the keys of their tables, which a scene on a fixed grid has too.

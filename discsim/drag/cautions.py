@@ -11,7 +11,7 @@ from discsim.drag.width import drift_error
 from discsim.numerics.layout import NOISY_LOADING
 from discsim.parts import SCHEMES, USUAL_SCHEME
 from discsim.physics import laws
-from discsim.physics.local import Local
+from discsim.physics.local import GasSamples
 
 if TYPE_CHECKING:
     from discsim.drag.base import Scheme
@@ -23,7 +23,7 @@ FEW_IN_1D = (0, 0.25)
 WIDE = 1.4  # width in H of a drag cell of `tsc` in which the drift has an error of 20%
 
 
-def warnings(scene: Scene, at: Local) -> Iterator[str]:
+def warnings(scene: Scene, at: GasSamples) -> Iterator[str]:
     """Yield the warnings of a scene with [drag], for any model of the gas."""
     yield from _negligible_drag(scene, at)
     yield from _wide_cells(scene, at)
@@ -31,12 +31,12 @@ def warnings(scene: Scene, at: Local) -> Iterator[str]:
     yield from _scheme_limits(scene, at)
 
 
-def _stopping_times(scene: Scene, at: Local) -> list[np.ndarray]:
+def _stopping_times(scene: Scene, at: GasSamples) -> list[np.ndarray]:
     """Return the stopping times (n,) of each population at the points of `at`; an empty list if undefined."""
     return laws.stopping_times(scene, at.density, at.thermal_speed, at.omega)
 
 
-def _negligible_drag(scene: Scene, at: Local) -> Iterator[str]:
+def _negligible_drag(scene: Scene, at: GasSamples) -> Iterator[str]:
     """Yield a warning of grains with large Stokes numbers, for which drag is negligible."""
     for i, time in enumerate(_stopping_times(scene, at)):
         if at.omega is not None and (time * at.omega).max() > 10:
@@ -49,7 +49,7 @@ def _negligible_drag(scene: Scene, at: Local) -> Iterator[str]:
             )
 
 
-def _wide_cells(scene: Scene, at: Local) -> Iterator[str]:
+def _wide_cells(scene: Scene, at: GasSamples) -> Iterator[str]:
     """Yield a warning of drag cells that are wider than the scale height."""
     found, drag = at.in_drag_cells(), scene.drag
     if drag.scheme != USUAL_SCHEME or found is None or at.scale_height is None:
@@ -72,7 +72,7 @@ def _wide_cells(scene: Scene, at: Local) -> Iterator[str]:
         )
 
 
-def _sparse_cells(scene: Scene, at: Local) -> Iterator[str]:
+def _sparse_cells(scene: Scene, at: GasSamples) -> Iterator[str]:
     """Yield warnings of drag cells with too few particles."""
     strong = sum(dust.ratio for dust in scene.dust or ()) > NOISY_LOADING
     if not strong or scene.drag.direction == "one-way":
@@ -94,7 +94,7 @@ def _sparse_cells(scene: Scene, at: Local) -> Iterator[str]:
             )
 
 
-def _scheme_limits(scene: Scene, at: Local) -> Iterator[str]:
+def _scheme_limits(scene: Scene, at: GasSamples) -> Iterator[str]:
     """Yield warnings of explicit schemes with short steps, and of schemes that damp waves too much."""
     drag = scene.drag
     if drag is None or at.step is None or at.resolution is None or at.sound_speed is None:

@@ -164,7 +164,7 @@ class Engine:
         """Return gas and dust with all arrays of a kick, from the results of `_positions`."""
         scene, density = state.scene, state.gas.density
         if state.gas.small is not None:  # small dust that gas carries exerts no drag on grains
-            density = density * growth.gas_share(scene, state.gas)
+            density = density * growth.gas_fraction(scene, state.gas)
         gas = gas._replace(
             acc=state.gas.acc, acc_unshared=state.acc_unshared["gas"], density=density,
             thermal_speed=thermal_speed(scene, state.gas),

@@ -22,7 +22,7 @@ The step limit is 1 / (18 W(0, h) nu), which is 0.122 h^2 / nu for the cubic ker
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -31,130 +31,81 @@ from discsim.formulas.smoothing import SMOOTHING
 from discsim.numerics.state import State
 from discsim.numerics.threads import parallel_for
 from discsim.physics import viscosity
-from discsim.physics.local import Expected
 from discsim.scene.keys.alpha_viscosity import Keys
 from discsim.scene.rules import Draft, Problem
 
 if TYPE_CHECKING:
-    from discsim.physics.local import Local, Outlook
     from discsim.scene import Scene
 
 PARTICLE, NEIGHBOUR = 60.0, 2.5  # CPU nanoseconds in a step, per particle and per neighbour of a particle
+TABLE = ("alpha_viscosity",)
 STEP_KEYS = ("inner_alpha", "outer_alpha", "radius", "width")
 DEAD_ZONE_KEYS = ("dead_alpha", "dead_inner", "dead_outer", "dead_width")
+UNSTABLE = 1.25  # unstable step over step limit: in longer steps, velocities of disordered particles grow
 
 
-def _one_law(draft: Draft) -> Iterator[Problem]:
-    """Yield problems of a table that defines no viscosity or several, or has an incomplete group of keys."""
+def _law_problems(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of a table that defines no viscosity or several."""
     keys = draft.alpha_viscosity
     given = [key for key in ("alpha", "nu") if getattr(keys, key) is not None]
     given += [key for key in STEP_KEYS if getattr(keys, key) is not None][:1]
     if len(given) != 1:
         wrong = f"{' and '.join(given)} are both given" if given else "no viscosity is given"
         words = "expected exactly one of alpha, nu, or inner_alpha and outer_alpha with radius and width"
-        yield ("alpha_viscosity", *given[-1:]), f"{wrong}; {words}"
+        yield (*TABLE, *given[-1:]), f"{wrong}; {words}"
+    if keys.index != 0.0 and keys.alpha is None:
+        yield (*TABLE, "index"), "index is used only with alpha; expected alpha, or no index"
+
+
+def _key_group_problems(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of the keys of a step of alpha and of a dead zone."""
+    keys = draft.alpha_viscosity
     if keys.step == "logarithmic":
-        yield from _logarithmic_step(keys)
+        if None in (keys.inner_alpha, keys.outer_alpha):
+            yield (*TABLE, "step"), "step is used only with inner_alpha and outer_alpha; expected both, or no step"
+        for key in ("inner_alpha", "outer_alpha"):
+            if getattr(keys, key) == 0.0:
+                yield (*TABLE, key), '0 has no logarithm; expected more than 0, or step = "linear"'
     for group in (STEP_KEYS, DEAD_ZONE_KEYS):
         there = [key for key in group if getattr(keys, key) is not None]
         for key in group if there else ():
             if key not in there:
-                yield ("alpha_viscosity", key), f"missing, but needed with {' and '.join(there)}; expected this key too"
+                yield (*TABLE, key), f"missing, but needed with {' and '.join(there)}; expected this key too"
     if keys.nu is not None and keys.dead_alpha is not None:
-        yield (
-            ("alpha_viscosity", "dead_alpha"),
-            "nu is uniform, so there is no dead zone; expected alpha instead of nu, or no dead_* keys",
-        )
+        wrong = "nu is uniform, so there is no dead zone"
+        yield (*TABLE, "dead_alpha"), f"{wrong}; expected alpha instead of nu, or no dead_* keys"
     if None not in (keys.dead_inner, keys.dead_outer) and keys.dead_outer <= keys.dead_inner:
-        yield (
-            ("alpha_viscosity", "dead_outer"),
-            "dead_outer is not larger than dead_inner; expected dead_outer > dead_inner",
-        )
-    if keys.index != 0.0 and keys.alpha is None:
-        yield ("alpha_viscosity", "index"), "index is used only with alpha; expected alpha, or no index"
+        yield (*TABLE, "dead_outer"), "dead_outer is not larger than dead_inner; expected dead_outer > dead_inner"
 
 
-def _logarithmic_step(keys: Any) -> Iterator[Problem]:
-    """Yield problems of step = "logarithmic", which needs a positive inner_alpha and outer_alpha."""
-    if None in (keys.inner_alpha, keys.outer_alpha):
-        yield (
-            ("alpha_viscosity", "step"),
-            "step is used only with inner_alpha and outer_alpha; expected both, or no step",
-        )
-    for key in ("inner_alpha", "outer_alpha"):
-        if getattr(keys, key) == 0.0:
-            yield ("alpha_viscosity", key), '0 has no logarithm; expected more than 0, or step = "linear"'
-
-
-def _needs_reference_radius(draft: Draft) -> Iterator[Problem]:
+def _reference_radius_problems(draft: Draft) -> Iterator[Problem]:
     """Yield a problem if alpha is a power of r and the start has no reference radius."""
     keys, start = draft.alpha_viscosity, draft.initial
     if keys.index != 0.0 and start is not None and not hasattr(start, "reference_radius"):
-        yield ("alpha_viscosity", "index"), f'initial.kind = "{draft.kind}" has no reference_radius; expected no index'
+        yield (*TABLE, "index"), f'initial.kind = "{draft.kind}" has no reference_radius; expected no index'
 
 
-def _needs_shear(draft: Draft) -> Iterator[Problem]:
+def _flow_problems(draft: Draft) -> Iterator[Problem]:
     """Yield problems of a scene in 1D, without gas, or without a star that alpha refers to."""
     if draft.dimensions == 1:
-        yield (
-            ("alpha_viscosity",),
-            "alpha viscosity needs shear, and 1D flow has none; expected space.dimensions = 2, or [gas.viscosity]",
-        )
+        wrong = "alpha viscosity needs shear, and 1D flow has none"
+        yield TABLE, f"{wrong}; expected space.dimensions = 2, or [gas.viscosity]"
     elif not draft.has("gas") and not draft.has("background"):
-        yield (
-            ("alpha_viscosity",),
-            "viscosity needs gas, but there is no [gas] or [background]; expected one of these tables",
-        )
+        wrong = "viscosity needs gas, but there is no [gas] or [background]"
+        yield TABLE, f"{wrong}; expected one of these tables"
     if not draft.has("star") and draft.alpha_viscosity.nu is None:
-        yield ("alpha_viscosity",), "H = c_s / Omega needs a star; expected a table [star], or nu instead of alpha"
-
-
-UNSTABLE = 1.25  # unstable step over step limit: in longer steps, velocities of disordered particles grow
+        yield TABLE, "H = c_s / Omega needs a star; expected a table [star], or nu instead of alpha"
 
 
 class Effect(base.Effect):
+    """Time-step limit of a shear viscosity. The effect of [gas] adds the viscous acceleration."""
+
     keys = Keys
-    rules = (_one_law, _needs_reference_radius, _needs_shear)
+    rules = (_law_problems, _key_group_problems, _reference_radius_problems, _flow_problems)
 
     @classmethod
-    def report(cls, scene: Scene, at: Local) -> base.Report:
-        return base.Report(cls._rows(scene, at), cls._warnings(scene, at))
-
-    @classmethod
-    def _rows(cls, scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
-        found = _viscosities(scene, at)
-        if found is None:
-            return
-        name, (asked, artificial, noise) = found
-        if name == "nu":
-            yield "nu of the scene", scene.units.show(asked[0], "diffusivity")
-            yield "nu of artificial viscosity", scene.units.show(artificial[0], "diffusivity")
-            return
-        yield "alpha of the scene", _joined(asked)
-        if scene.gas:
-            yield "alpha of artificial viscosity", _joined(artificial)
-            yield "alpha of particle noise, about", _joined(noise)
-
-    @classmethod
-    def _warnings(cls, scene: Scene, at: Local) -> Iterator[str]:
-        found = _viscosities(scene, at)
-        if found is None or not scene.gas:
-            return
-        name, (asked, artificial, noise) = found
-        beside = np.where(_in_damping_zones(scene, at), 0.0, artificial + noise)
-        worst = int(np.argmax(beside - asked))
-        if beside[worst] > asked[worst]:
-            from discsim.effects.gas import QUIETED
-
-            gas, remedy = scene.gas, ""
-            if artificial[worst] > noise[worst]:
-                remedy = "lower gas.viscosity.alpha, or "
-            elif gas.quiet is None and gas.eos.kind in QUIETED:
-                remedy = "set gas.quiet = true, or "
-            yield (
-                f"artificial viscosity and noise have {name} = {beside[worst]:.2g} {at.where(worst)}, more than "
-                f"alpha_viscosity's {asked[worst]:.2g}: {remedy}raise gas.eta or gas.particles"
-            )
+    def report(cls, scene: Scene, at: base.GasSamples) -> base.Report:
+        return base.Report(_rows(scene, at), _warnings(scene, at))
 
     @classmethod
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
@@ -163,17 +114,13 @@ class Effect(base.Effect):
         return counts.gas * (PARTICLE + NEIGHBOUR * SMOOTHING[scene.gas.kernel].neighbours(scene.gas.eta))
 
     @classmethod
-    def expected_limit(cls, scene: Scene, outlook: Outlook) -> Expected:
+    def expected_limit(cls, scene: Scene, outlook: base.ForecastState) -> base.Expected:
         at = outlook.at
         nu = None if at.h is None else viscosity.at_places(scene, at.radius, at.thermal_speed, at.h)
-        if nu is None:
-            return Expected()
-        steps = viscosity.longest_step(scene, nu, at.h)
-        worst = int(np.argmin(steps))
-        return Expected(float(steps[worst]), at.where(worst))
+        return base.Expected() if nu is None else at.smallest(viscosity.longest_step(scene, nu, at.h))
 
     def operators(self, state: State) -> list[base.Operator]:
-        """Return the operator of the step limit. The effect of [gas] adds the viscous acceleration."""
+        """Return the operator of the step limit."""
         return [base.Operator("alpha_viscosity.limit", base.Slot.LIMIT, self.limit, base.arrays("gas", "nu h"))]
 
     def limit(self, view: base.View) -> dict[str, base.Limit]:
@@ -188,7 +135,45 @@ class Effect(base.Effect):
         return {"gas": base.Limit(step, UNSTABLE * step)}
 
 
-def _viscosities(scene: Scene, at: Local) -> tuple[str, tuple[np.ndarray, np.ndarray, np.ndarray]] | None:
+def _rows(scene: Scene, at: base.GasSamples) -> Iterator[tuple[str, str]]:
+    """Yield (name, text) of the requested and the numerical viscosities."""
+    found = _viscosities(scene, at)
+    if found is None:
+        return
+    name, (asked, artificial, noise) = found
+    if name == "nu":
+        yield "nu of the scene", scene.units.show(asked[0], "diffusivity")
+        yield "nu of artificial viscosity", scene.units.show(artificial[0], "diffusivity")
+        return
+    yield "alpha of the scene", _joined(asked)
+    if scene.gas:
+        yield "alpha of artificial viscosity", _joined(artificial)
+        yield "alpha of particle noise, about", _joined(noise)
+
+
+def _warnings(scene: Scene, at: base.GasSamples) -> Iterator[str]:
+    """Yield a warning of a numerical viscosity above the requested one."""
+    found = _viscosities(scene, at)
+    if found is None or not scene.gas:
+        return
+    name, (asked, artificial, noise) = found
+    numerical = np.where(_in_damping_zones(scene, at), 0.0, artificial + noise)
+    worst = int(np.argmax(numerical - asked))
+    if numerical[worst] > asked[worst]:
+        from discsim.effects.gas import QUIET_EOS
+
+        gas, remedy = scene.gas, ""
+        if artificial[worst] > noise[worst]:
+            remedy = "lower gas.viscosity.alpha, or "
+        elif gas.quiet is None and gas.eos.kind in QUIET_EOS:
+            remedy = "set gas.quiet = true, or "
+        yield (
+            f"artificial viscosity and noise have {name} = {numerical[worst]:.2g} {at.where(worst)}, more than "
+            f"alpha_viscosity's {asked[worst]:.2g}: {remedy}raise gas.eta or gas.particles"
+        )
+
+
+def _viscosities(scene: Scene, at: base.GasSamples) -> tuple[str, tuple[np.ndarray, np.ndarray, np.ndarray]] | None:
     """Return (name, (requested, artificial, noise)): three viscosities (n,) at the points of `at`.
 
     requested: viscosity of [alpha_viscosity]. artificial: of SPH. noise: of particle noise. name: "alpha" if they are
@@ -198,14 +183,14 @@ def _viscosities(scene: Scene, at: Local) -> tuple[str, tuple[np.ndarray, np.nda
     if asked is None:
         return None
     none = np.zeros_like(asked)
-    of_gas = (viscosity.artificial(scene, at), viscosity.noise(scene, at)) if scene.gas else (none, none)
+    artificial, noise = (viscosity.artificial(scene, at), viscosity.noise(scene, at)) if scene.gas else (none, none)
     if at.omega is None or at.thermal_speed is None:
-        return "nu", (asked, of_gas[0], none)
+        return "nu", (asked, artificial, none)
     unit = at.thermal_speed**2 / at.omega
-    return "alpha", (asked / unit, of_gas[0] / unit, of_gas[1] / unit)
+    return "alpha", (asked / unit, artificial / unit, noise / unit)
 
 
-def _in_damping_zones(scene: Scene, at: Local) -> np.ndarray | bool:
+def _in_damping_zones(scene: Scene, at: base.GasSamples) -> np.ndarray | bool:
     """Return a mask (n,) of the points in zones of [damping], where the velocity does not depend on the viscosity."""
     damping = scene.table("damping")
     if damping is None or at.radius is None:

@@ -6,7 +6,7 @@ does in a step (`discsim/numerics/operators.py`): fields, forces, limits, kicks,
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -14,20 +14,21 @@ import numpy as np
 from discsim.numerics.operators import ALL, GROWS, Limit, Operator, Slot, View, arrays
 from discsim.numerics.state import Particles, State
 from discsim.numerics.threads import parallel_for
-from discsim.parts import Lazy
-from discsim.physics.local import Expected
+from discsim.numerics.totals import total
+from discsim.parts import SCHEMES, Lazy
+from discsim.physics.local import Expected, ForecastState, GasSamples
 from discsim.scene.fields import Table
-from discsim.scene.rules import Rule
+from discsim.scene.rules import Draft, Problem, Rule
 
 if TYPE_CHECKING:
-    from discsim.physics.local import Local, Outlook
     from discsim.scene import Scene
 
 kepler, moves = Lazy("discsim.kernels.gravity.kepler"), Lazy("discsim.kernels.common.move")
 
 __all__ = [
-    "ALL", "GROWS", "Column", "Counts", "Effect", "KickEffect", "Limit", "Operator", "Report", "Role", "Slot", "View",
-    "arrays", "drift", "kick_effect", "to_sort",
+    "ALL", "GROWS", "Column", "Counts", "Effect", "Expected", "ForecastState", "GasSamples", "KickEffect", "Limit",
+    "Operator", "Report", "Role", "Slot", "View", "arrays", "centre_of_disc", "drift", "is_sort_step", "kick_effect",
+    "point_mass_energy", "scheme_without_particles", "source_problems",
 ]  # fmt: skip
 
 NO_SPECIES = np.empty(0, np.int64)  # for gas, which has no populations
@@ -38,8 +39,8 @@ NO_SPECIES = np.empty(0, np.int64)  # for gas, which has no populations
 SORT_EVERY = 16
 
 
-def to_sort(step: int) -> bool:
-    """Return whether arrays are reordered at the end of this step."""
+def is_sort_step(step: int) -> bool:
+    """Return whether particle arrays are reordered at the end of the step with the number `step`."""
     return step % SORT_EVERY == 1
 
 
@@ -54,7 +55,7 @@ class Counts(NamedTuple):
 class Column(NamedTuple):
     """Array for snapshots that the snapshot layout does not define.
 
-    values: array (n,) or (n, d) in code units. dataset: its name in the file. dimension: a name of
+    values: array (n,) or (n, d) in code units. dataset: name of the array in the file. dimension: a name of
     `discsim.scene.units` like "length", or "" for a plain number. about: description in the file.
     """
 
@@ -144,14 +145,14 @@ class Effect:
         return ()
 
     @classmethod
-    def report(cls, scene: Scene, at: Local) -> Report:
+    def report(cls, scene: Scene, at: GasSamples) -> Report:
         """Return derived numbers and warnings of a scene.
 
         Parameters
         ----------
         scene : Scene
             Validated scene.
-        at : Local
+        at : GasSamples
             Estimates of the initial gas at a few points.
         """
         return Report()
@@ -162,14 +163,14 @@ class Effect:
         return 0.0
 
     @classmethod
-    def expected_limit(cls, scene: Scene, outlook: Outlook) -> Expected:
+    def expected_limit(cls, scene: Scene, outlook: ForecastState) -> Expected:
         """Estimate the time-step limit of the effect at a time of the run, for the forecast of the run's cost.
 
         Parameters
         ----------
         scene : Scene
             Validated scene.
-        outlook : Outlook
+        outlook : ForecastState
             Estimated state of the run at this time.
 
         Returns
@@ -181,7 +182,7 @@ class Effect:
 
     @classmethod
     def grid_bytes(cls, scene: Scene, shape: tuple[int, ...]) -> int:
-        """Estimate the memory in bytes of the effect's arrays on a grid of this shape."""
+        """Estimate the memory in bytes of the effect's arrays on a grid with `shape` cells along each axis."""
         return 0
 
     def begin(self, state: State, effects: Mapping[str, Effect]) -> None:
@@ -257,7 +258,48 @@ def drift(scene: Scene, particles: Particles, dt: float, masses: np.ndarray | No
 
 
 def _drift(pos: np.ndarray, vel: np.ndarray, dt: float, masses: np.ndarray | None, species: np.ndarray) -> None:
+    """Move positions `pos` (n, d), and on Kepler orbits velocities `vel` (n, d), over dt in place; see `drift`."""
     if masses is not None:
         parallel_for(kepler.drift, len(pos), pos, vel, masses, species, dt)
     else:
         parallel_for(moves.add_scaled, len(pos), pos, vel, dt, light=True)
+
+
+def centre_of_disc(state: State) -> np.ndarray:
+    """Return the position and velocity (4,) of the centre of the disc, for kernels."""
+    return np.zeros(4) if state.centre is None else np.concatenate(state.centre)
+
+
+def point_mass_energy(particles: Particles, pos: np.ndarray, mass: float | np.ndarray, softening: float) -> float:
+    """Return the potential energy of particles in the gravity of a softened point mass at the position `pos` (2,).
+
+    mass: mass of the point, or masses (n,) that differ between the particles.
+    """
+    distance = np.sqrt(((particles.pos - pos) ** 2).sum(axis=1) + softening**2)
+    return -total(particles.mass * mass / distance)
+
+
+def source_problems(
+    draft: Draft, where: tuple[str | int, ...], names: Iterable[str], path: str | None = None
+) -> Iterator[Problem]:
+    """Yield problems of the key `where`, a list of the sources of a force: "gas", "dust", "star" or "companions".
+
+    path: how the force may act on the gas indirectly, as text for messages. Dust is then no valid source in scenes with
+    one-way drag.
+    """
+    names = list(names)
+    if len(set(names)) < len(names):
+        yield where, "a name occurs twice; expected each name once"
+    for name in dict.fromkeys(names):
+        table = "companion" if name == "companions" else name
+        if name != "star" and not draft.has(table):
+            yield where, f'"{name}" is listed, but there is no table [{table}]; expected that table, or no "{name}"'
+    if path is not None and "dust" in names and draft.one_way_beside_gas:
+        wrong = f"with one-way drag, dust must not act on the gas, not even through {path}"
+        yield where, f'{wrong}; expected no "dust", or drag.direction = "two-way"'
+
+
+def scheme_without_particles(draft: Draft, table: str, what: str) -> Iterator[Problem]:
+    """Yield a problem of `table` if the drag scheme is a fixed grid without particles. what: physics of the table."""
+    if draft.drag and SCHEMES[draft.drag.scheme].on_grid:
+        yield (table,), f'drag.scheme "{draft.drag.scheme}" has no {what}; expected another drag.scheme'

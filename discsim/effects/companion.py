@@ -30,78 +30,59 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from discsim.effects import base
-from discsim.effects.accretion import accrete, accreted_from
+from discsim.effects.accretion import accrete, accreted_masses
 from discsim.initial import start_of
 from discsim.numerics import world
 from discsim.numerics.bodies import SPECIES, Bodies
 from discsim.numerics.state import State
 from discsim.numerics.threads import parallel_for
-from discsim.numerics.totals import rounded, total
+from discsim.numerics.totals import rounded
 from discsim.parts import Lazy
 from discsim.physics import companions as formulas
 from discsim.physics.companions import softening
-from discsim.physics.local import PHASES, Expected, resolution
+from discsim.physics.local import PHASES, resolution
 from discsim.physics.orbits import IN_KICKS, Orbits
 from discsim.scene.keys.companion import Keys
-from discsim.scene.rules import Draft, Problem
+from discsim.scene.rules import Draft, Problem, missing_tables
 
 if TYPE_CHECKING:
-    from discsim.physics.local import Local, Outlook
     from discsim.scene import Scene
     from discsim.scene.units import Units
 
 kernels = Lazy("discsim.kernels.gravity.point_masses")
 
 CLOSE = 0.2  # largest distance, in inner radii of the disc, at which star and companion count as one central mass
-SOFTER = "a longer companion.softening"
+REMEDY = "a longer companion.softening"  # for step limits
 PULL = 12.0  # CPU nanoseconds in a step, per particle and companion
 
 
-def _needs_star(draft: Draft) -> Iterator[Problem]:
-    """Yield problems of companions without a star, and of orbits that do not exist."""
-    if not draft.has("star"):
-        yield ("companion",), "a companion needs a star to orbit; expected a table [star] too"
+def _orbit_problems(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of companions without a star, of orbits that do not exist, and of ramps on unbound orbits."""
+    yield from missing_tables(draft, ("companion",), {"star": "a companion needs a star to orbit"})
     for k, companion in enumerate(draft.companion or ()):
         e, phase = companion.eccentricity, companion.phase
         if e == 1.0:
-            yield (
-                ("companion", k, "eccentricity"),
-                "e = 1 is a parabola, which has no semi-major axis; expected less or more than 1",
-            )
+            wrong = "e = 1 is a parabola, which has no semi-major axis"
+            yield ("companion", k, "eccentricity"), f"{wrong}; expected less or more than 1"
         elif e > 1.0 and abs(phase) >= (most := math.degrees(math.acos(-1.0 / e))):
             wrong = f"{phase:g} degrees is beyond the asymptote of a hyperbola with e = {e:g}"
             yield ("companion", k, "phase"), f"{wrong}; expected between -{most:.4g} and {most:.4g}"
-
-
-def _unbound_ramp(draft: Draft) -> Iterator[Problem]:
-    """Yield a problem of a ramp on an unbound companion if the disc turns about the barycentre."""
-    if draft.star is None or draft.star.centre == "star":
-        return
-    for k, companion in enumerate(draft.companion or ()):
-        if companion.ramp > 0.0 and companion.eccentricity > 1.0:
+        if e > 1.0 and companion.ramp > 0.0 and draft.star is not None and draft.star.centre == "barycentre":
             wrong = 'an unbound companion with a ramp is not possible with star.centre = "barycentre"'
             yield ("companion", k, "ramp"), f'{wrong}; expected no ramp, or star.centre = "star"'
 
 
-def _sources_felt(draft: Draft) -> Iterator[Problem]:
+def _feels_problems(draft: Draft) -> Iterator[Problem]:
     """Yield problems of the key `feels`, the list of sources that accelerate a live companion."""
     for k, companion in enumerate(draft.companion or ()):
-        where, names = ("companion", k, "feels"), companion.feels
-        if names is None:
-            continue
-        if companion.orbit == "fixed":
-            yield where, 'no force acts on a fixed orbit; expected orbit = "live", or no feels'
-        if len(set(names)) < len(names):
-            yield where, "a name occurs twice; expected each name once"
-        for name in dict.fromkeys(names):
-            if name in SPECIES and not draft.has(name):
-                yield where, f'"{name}" is listed, but there is no table [{name}]; expected that table, or no "{name}"'
-        if "dust" in names and draft.one_way_beside_gas:
-            wrong = "with one-way drag, dust must not act on the gas, not even through a companion that it moves"
-            yield where, f'{wrong}; expected no "dust", or drag.direction = "two-way"'
+        where = ("companion", k, "feels")
+        if companion.feels is not None:
+            if companion.orbit == "fixed":
+                yield where, 'no force acts on a fixed orbit; expected orbit = "live", or no feels'
+            yield from base.source_problems(draft, where, companion.feels, "a companion that it moves")
 
 
-def _softening_and_accretion(draft: Draft) -> Iterator[Problem]:
+def _softening_problems(draft: Draft) -> Iterator[Problem]:
     """Yield problems of the keys for softening and accretion."""
     gas = draft.gas or draft.background
     for k, companion in enumerate(draft.companion or ()):
@@ -110,14 +91,12 @@ def _softening_and_accretion(draft: Draft) -> Iterator[Problem]:
             yield where, f"a number means scale heights H, but there is no gas; {wanted}"
         elif companion.softening.in_heights and draft.gas and not _has_height(draft.gas.eos):
             yield where, f"a number means scale heights H, and H depends on density or heat here; {wanted}"
-        taken = companion.accretion_radius > 0.0 and companion.accretion_rate is None
-        if companion.softening.value == 0.0 and not taken:
+        is_cleared = companion.accretion_radius > 0.0 and companion.accretion_rate is None
+        if companion.softening.value == 0.0 and not is_cleared:
             yield where, "0 gives infinite forces near the companion; expected more than 0, or an accretion_radius"
         if companion.accretion_rate is not None and companion.accretion_radius == 0.0:
-            yield (
-                ("companion", k, "accretion_rate"),
-                "an accretion rate needs an accretion radius; expected accretion_radius too",
-            )
+            wrong = "an accretion rate needs an accretion radius"
+            yield ("companion", k, "accretion_rate"), f"{wrong}; expected accretion_radius too"
 
 
 def _has_height(eos: Any) -> bool:
@@ -128,8 +107,9 @@ def _has_height(eos: Any) -> bool:
 class _LocalLengths(NamedTuple):
     """Length scales at the semi-major axis of a companion.
 
-    softening: of the companion. height: scale height H of the gas. resolution: smoothing length h of the gas, as in
-    `Local.resolution`. The last two are None if the scene does not define them.
+    units: units of the scene. softening: softening of the companion. height: scale height H of the gas. resolution:
+    smoothing length h of the gas, as in `GasSamples.resolution`. The last two are None if the scene does not define
+    them.
     """
 
     units: Units
@@ -138,42 +118,41 @@ class _LocalLengths(NamedTuple):
     resolution: float | None
 
     def as_text(self, length: float) -> str:
-        of = ((self.height, "H"), (self.resolution, "h"))
-        others = ", ".join(f"{length / unit:.3g} {name}" for unit, name in of if unit is not None)
+        """Return a length with its unit and in multiples of H and h, for a table of derived numbers."""
+        scales = ((self.height, "H"), (self.resolution, "h"))
+        others = ", ".join(f"{length / scale:.3g} {name}" for scale, name in scales if scale is not None)
         return self.units.show(length, "length") + (f" ({others})" if others else "")
 
 
-def _local_lengths(scene: Scene, at: Local, companion: Any) -> _LocalLengths:
+def _local_lengths(scene: Scene, at: base.GasSamples, companion: Any) -> _LocalLengths:
     """Return the length scales at the semi-major axis of a companion."""
     r = companion.semi_major_axis
     gas: Any = scene.gas
-    known = scene.background is not None or (gas is not None and _has_height(gas.eos))
-    height = float(formulas.scale_height(scene, r)) if known else None
+    is_known = scene.background is not None or (gas is not None and _has_height(gas.eos))
+    height = float(formulas.scale_height(scene, r)) if is_known else None
     h = None
-    if gas is not None and at.particle_mass is not None and (density := _density(scene, r)) > 0.0:
-        mass = at.particle_mass * _relative_mass(scene, r)
+    if gas is not None and at.particle_mass is not None and (density := _initial_gas(scene, r, "density")) > 0.0:
+        mass = at.particle_mass * _initial_gas(scene, r, "relative_mass")
         h = float(resolution(scene, np.array(gas.smoothing_length or gas.eta * math.sqrt(mass / density))))
     return _LocalLengths(scene.units, softening(scene, companion, r), height, h)
 
 
-def _density(scene: Scene, r: float) -> float:
-    """Return the initial surface density of the gas at radius `r`; 0 beyond the gas."""
-    places = start_of(scene).all_over(scene)[0]
-    if places.radius is None:
-        return 0.0
-    return float(np.interp(r, places.radius, places.density, left=0.0, right=0.0))
+def _initial_gas(scene: Scene, r: float, name: str) -> float:
+    """Return a property of the initial gas at radius `r`; 0 beyond the gas.
 
-
-def _relative_mass(scene: Scene, r: float) -> float:
-    """Return the initial mass of gas particles at radius `r`, divided by their mean mass."""
+    name: "density" for the surface density, or "relative_mass" for the mass of gas particles over their mean mass.
+    """
     places = start_of(scene).all_over(scene)[0]
-    return 1.0 if places.relative_mass is None else float(np.interp(r, places.radius, places.relative_mass))
+    values = getattr(places, name)
+    if values is None:  # all particles have the same mass
+        return 1.0
+    return 0.0 if places.radius is None else float(np.interp(r, places.radius, values, left=0.0, right=0.0))
 
 
 def quadrupole_of_pair(scene: Scene, companion: Any) -> float | None:
-    """Return the relative difference between the pull of a close pair and that of a single star of the same mass.
+    """Return the relative difference between the pulls of a close pair and of a single star with their total mass.
 
-    The pull is that at the inner edge of the disc. Returns None unless the companion is on a bound fixed orbit far
+    Both pulls are at the inner edge of the disc. Returns None unless the companion is on a bound fixed orbit far
     within this edge.
     """
     star, edges = scene.star, start_of(scene).edges
@@ -185,16 +164,12 @@ def quadrupole_of_pair(scene: Scene, companion: Any) -> float | None:
     return float(0.75 * star.mass * companion.mass / total**2 * (wide / inner) ** 2)
 
 
-def _row_name(k: int, what: str) -> str:
-    return f"companion {k}: {what}"
-
-
 class Effect(base.Effect):
     """Gravity between companions and particles, and accretion. The effect of [star] moves the companions."""
 
     keys = Keys
     role = base.Role(several=True)
-    rules = (_needs_star, _unbound_ramp, _sources_felt, _softening_and_accretion)
+    rules = (_orbit_problems, _feels_problems, _softening_problems)
 
     def __init__(self, scene: Scene, state: State) -> None:
         self.scene = scene
@@ -210,59 +185,19 @@ class Effect(base.Effect):
         return PULL * len(scene.table("companion")) * (counts.gas + counts.dust)
 
     @classmethod
-    def expected_limit(cls, scene: Scene, outlook: Outlook) -> Expected:
+    def expected_limit(cls, scene: Scene, outlook: base.ForecastState) -> base.Expected:
         found = []
-        for k, (companion, nearby) in enumerate(
-            zip(scene.table("companion"), formulas.encounter_limits(scene, outlook), strict=True), 1
-        ):
+        encounters = formulas.encounter_limits(scene, outlook)
+        for k, (companion, encounter) in enumerate(zip(scene.table("companion"), encounters, strict=True), 1):
             orbit = formulas.step_of_orbit(scene, companion, outlook.time)
-            found += [Expected(orbit, f"by the orbit of companion {k}"), Expected(nearby, f"near companion {k}")]
+            found.append(base.Expected(orbit, f"by the orbit of companion {k}"))
+            found.append(base.Expected(encounter, f"near companion {k}"))
         steps = np.array([np.broadcast_to(one.step, PHASES) for one in found])
-        return Expected(IN_KICKS * steps.min(axis=0), found[int(np.argmin(steps.min(axis=1)))].where)
+        return base.Expected(IN_KICKS * steps.min(axis=0), found[int(np.argmin(steps.min(axis=1)))].where)
 
     @classmethod
-    def report(cls, scene: Scene, at: Local) -> base.Report:
-        return base.Report(cls._rows(scene, at), cls._warnings(scene, at))
-
-    @classmethod
-    def _rows(cls, scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
-        star, viscous = scene.star, scene.table("alpha_viscosity") is not None
-        assert star is not None
-        for k, companion in enumerate(scene.table("companion"), 1):
-            near = _local_lengths(scene, at, companion)
-            if companion.eccentricity < 1.0:
-                yield _row_name(k, "period"), scene.units.show(formulas.period(scene, companion), "time")
-            if not formulas.is_star(scene, companion):
-                yield _row_name(k, "Hill radius"), near.as_text(formulas.hill_radius(scene, companion))
-            yield _row_name(k, "softening"), near.as_text(near.softening)
-            if viscous and near.height is not None and not formulas.is_star(scene, companion):
-                gap = formulas.gap_number(scene, companion)
-                yield (
-                    _row_name(k, "gap"),
-                    f"K = {gap:.3g}: Sigma in the gap falls to a fraction of {1.0 / (1.0 + 0.04 * gap):.2g}",
-                )
-
-    @classmethod
-    def _warnings(cls, scene: Scene, at: Local) -> Iterator[str]:
-        star = scene.star
-        assert star is not None
-        for k, companion in enumerate(scene.table("companion"), 1):
-            near = _local_lengths(scene, at, companion)
-            if near.resolution is None:
-                continue
-            hill = formulas.hill_radius(scene, companion)
-            # A Hill radius within the softening has no effect on the gas, so it needs no resolution.
-            seen = not formulas.is_star(scene, companion) and hill > near.softening
-            lengths = [("the Hill radius", hill, "")] if seen else []
-            if companion.accretion_radius < near.resolution:
-                lengths.append(("companion.softening", near.softening, "a longer companion.softening, or "))
-            for name, length, other in lengths:
-                if 0.0 < length < near.resolution:
-                    needed = scene.gas.particles * (near.resolution / length) ** 2
-                    yield (
-                        f"{name} of companion {k} is {length / near.resolution:.2g} times the smoothing length h "
-                        f"of the gas there, below 1: choose {other}gas.particles of about {needed:.2g}"
-                    )
+    def report(cls, scene: Scene, at: base.GasSamples) -> base.Report:
+        return base.Report(_rows(scene, at), _warnings(scene, at))
 
     def operators(self, state: State) -> list[base.Operator]:
         reads, of = base.arrays(state.species, "pos vel mass") | {"bodies"}, base.Slot
@@ -274,38 +209,42 @@ class Effect(base.Effect):
         ]
 
     def accelerate(self, view: base.View) -> None:
-        bodies, places = view.bodies, view.bodies.felt_pos
-        away = view.from_centre(places[1:]) if view.centre is not None else places[1:] - places[0]
+        bodies, positions = view.bodies, view.bodies.felt_pos
+        away = view.from_centre(positions[1:]) if view.centre is not None else positions[1:] - positions[0]
         distances = np.sqrt((away**2).sum(axis=1))
         for k, companion in enumerate(self.companions):
             self._lengths[k] = softening(self.scene, companion, float(distances[k]), view.central_mass)
         for name, p in view.species.items():
             self._near[name] = np.full((len(self.companions), 2), np.inf)
             for k in range(len(self.companions)):
-                given = bodies.felt[k + 1], self._lengths[k], *places[k + 1].tolist(), *bodies.vel[k + 1].tolist()
-                found = parallel_for(kernels.attract_moving, p.count, p.pos, p.vel, p.acc, p.mass, *given)
+                body = bodies.felt[k + 1], self._lengths[k], *positions[k + 1].tolist(), *bodies.vel[k + 1].tolist()
+                found = parallel_for(kernels.attract_moving, p.count, p.pos, p.vel, p.acc, p.mass, *body)
                 bodies.pulled[k + 1, SPECIES.index(name)] = rounded(sum(limbs for limbs, _ in found))
                 self._near[name][k] = np.min([near for _, near in found], axis=0)
         self.orbits.accelerate(bodies)
 
     def limit(self, view: base.View) -> dict[str, base.Limit]:
-        felt, places = view.bodies.felt[1:], view.bodies.felt_pos[1:]
-        there = felt > 0.0  # a ramp begins with 0, which sets no limit
+        felt, positions = view.bodies.felt[1:], view.bodies.felt_pos[1:]
+        acting = felt > 0.0  # a ramp begins with 0, which sets no limit
         found = {base.ALL: self._limit(self.orbits.limit(view.bodies))}
         for name, p in view.species.items():
-            near, crossing = self._near[name][there].T
-            squared = (near + self._lengths[there] ** 2) ** 1.5 / felt[there]
+            near, crossing = self._near[name][acting].T
+            squared = (near + self._lengths[acting] ** 2) ** 1.5 / felt[acting]
             shortest = float(np.sqrt(min(squared.min(initial=np.inf), crossing.min(initial=np.inf))))
-            found[name] = self._limit(shortest, partial(self._nearest_row, p.pos, places))
+            found[name] = self._limit(shortest, partial(self._nearest_row, p.pos, positions))
         return found
 
     def _limit(self, shortest: float, row: Callable[[], int] | None = None) -> base.Limit:
-        """Return the limit of an orbit or encounter; `shortest` is the smallest 1 / frequency."""
-        step = IN_KICKS * shortest
-        return base.Limit(step, base.GROWS / IN_KICKS * step, row, SOFTER)
+        """Return the limit by orbits or encounters.
 
-    def _nearest_row(self, pos: np.ndarray, places: np.ndarray) -> int:
-        away = ((pos[:, None] - places) ** 2).sum(axis=2) + self._lengths**2
+        shortest: smallest 1 / frequency. row: `Limit.row`, which returns the particle that sets the limit.
+        """
+        step = IN_KICKS * shortest
+        return base.Limit(step, base.GROWS / IN_KICKS * step, row, REMEDY)
+
+    def _nearest_row(self, pos: np.ndarray, companions: np.ndarray) -> int:
+        """Return the index of the particle at `pos` (n, 2) nearest to any of the positions `companions` (k, 2)."""
+        away = ((pos[:, None] - companions) ** 2).sum(axis=2) + self._lengths**2
         return int(away.min(axis=1).argmin())
 
     def move(self, state: State, dt: float) -> None:
@@ -315,22 +254,22 @@ class Effect(base.Effect):
         bodies = _bodies(state)
         for k, companion in enumerate(self.companions):
             if companion.accretion_radius > 0.0:
-                place = bodies.felt_pos[k + 1].tolist()
+                position = bodies.felt_pos[k + 1].tolist()
                 for name in state.species:
-                    self._accrete(state, k, name, place)
+                    self._accrete(state, k, name, position)
         self.orbits.place(bodies, state.time)
 
-    def _accrete(self, state: State, k: int, name: str, place: list[float]) -> None:
-        """Remove the particles of species `name` that companion `k`, at the position `place`, accretes after a step."""
+    def _accrete(self, state: State, k: int, name: str, position: list[float]) -> None:
+        """Let companion `k`, at `position`, accrete particles of species `name` after a step, and remove these."""
         companion, p = self.companions[k], state.species[name]
-        found = parallel_for(kernels.split_by_radius, p.count, p.pos, companion.accretion_radius**2, *place)
+        found = parallel_for(kernels.split_by_radius, p.count, p.pos, companion.accretion_radius**2, *position)
         gone = np.concatenate([inside for _, inside in found])
         if companion.accretion_rate is not None:
             numbers = _random_numbers(self.scene.run.seed, state.step + state.earlier, k, p.ids[gone])
             gone = gone[~(numbers >= self._accretion_probability(state, k))]
         if world.processes.most(len(gone)) > 0:
-            taken = accreted_from(state, name, gone)
-            accrete(state, k + 1, name, gone, taken, grows=True, moves=bool(self.orbits.live[k]))
+            masses = accreted_masses(state, name, gone)
+            accrete(state, k + 1, name, gone, masses, grows=True, moves=bool(self.orbits.live[k]))
             p.remove(gone)
 
     def _accretion_probability(self, state: State, k: int) -> float:
@@ -345,9 +284,45 @@ class Effect(base.Effect):
         bodies, energy = _bodies(state), 0.0
         for p in state.species.values():
             for k in range(len(self.companions)):
-                distance = np.sqrt(((p.pos - bodies.felt_pos[k + 1]) ** 2).sum(axis=1) + self._lengths[k] ** 2)
-                energy -= total(p.mass * bodies.felt[k + 1] / distance)
+                energy += base.point_mass_energy(p, bodies.felt_pos[k + 1], bodies.felt[k + 1], self._lengths[k])
         return energy
+
+
+def _rows(scene: Scene, at: base.GasSamples) -> Iterator[tuple[str, str]]:
+    """Yield (name, text) of the derived numbers of each companion."""
+    viscous = scene.table("alpha_viscosity") is not None
+    for k, companion in enumerate(scene.table("companion"), 1):
+        name, lengths = f"companion {k}", _local_lengths(scene, at, companion)
+        if companion.eccentricity < 1.0:
+            yield f"{name}: period", scene.units.show(formulas.period(scene, companion), "time")
+        if not formulas.is_second_star(scene, companion):
+            yield f"{name}: Hill radius", lengths.as_text(formulas.hill_radius(scene, companion))
+        yield f"{name}: softening", lengths.as_text(lengths.softening)
+        if viscous and lengths.height is not None and not formulas.is_second_star(scene, companion):
+            gap = formulas.gap_number(scene, companion)
+            depth = 1.0 / (1.0 + 0.04 * gap)
+            yield f"{name}: gap", f"K = {gap:.3g}: Sigma in the gap falls to a fraction of {depth:.2g}"
+
+
+def _warnings(scene: Scene, at: base.GasSamples) -> Iterator[str]:
+    """Yield warnings of a Hill radius or softening below the smoothing length of the gas."""
+    for k, companion in enumerate(scene.table("companion"), 1):
+        near = _local_lengths(scene, at, companion)
+        if near.resolution is None:
+            continue
+        hill = formulas.hill_radius(scene, companion)
+        # A Hill radius within the softening has no effect on the gas, so it needs no resolution.
+        acts = not formulas.is_second_star(scene, companion) and hill > near.softening
+        lengths = [("the Hill radius", hill, "")] if acts else []
+        if companion.accretion_radius < near.resolution:
+            lengths.append(("companion.softening", near.softening, "a longer companion.softening, or "))
+        for name, length, other in lengths:
+            if 0.0 < length < near.resolution:
+                needed = scene.gas.particles * (near.resolution / length) ** 2
+                yield (
+                    f"{name} of companion {k} is {length / near.resolution:.2g} times the smoothing length h "
+                    f"of the gas there, below 1: choose {other}gas.particles of about {needed:.2g}"
+                )
 
 
 def _bodies(state: State) -> Bodies:

@@ -20,7 +20,7 @@ import numpy as np
 from discsim.effects import base
 from discsim.numerics.state import Gas, State
 from discsim.numerics.threads import parallel_for
-from discsim.parts import SCHEMES, Lazy
+from discsim.parts import Lazy
 from discsim.physics import cooling as physics
 from discsim.scene.keys.cooling import TABLE, Keys
 from discsim.scene.rules import Draft, Problem
@@ -35,35 +35,36 @@ KEY_OF = {"beta": "beta", "constant": "t_cool", "radiative": "opacity"}  # the k
 NANOSECONDS = {"beta": 100.0, "constant": 60.0, "radiative": 1000.0}
 
 
-def _needs_energy_equation(draft: Draft) -> Iterator[Problem]:
+def _energy_equation_problems(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of a scene whose gas has no energy equation, or whose drag scheme has no cooling."""
     if not draft.has("gas"):
         yield ("cooling",), "cooling needs gas; expected a table [gas] too, or no [cooling]"
     elif draft.gas and not draft.eos.holds_heat:
-        yield (
-            ("cooling",),
-            f'gas with eos.kind = "{draft.eos_kind}" has no energy equation; expected eos.kind = "adiabatic"',
-        )
-    elif draft.drag and SCHEMES[draft.drag.scheme].on_grid:
-        yield ("cooling",), f'drag.scheme "{draft.drag.scheme}" has no cooling; expected another drag.scheme'
+        wrong = f'gas with eos.kind = "{draft.eos_kind}" has no energy equation'
+        yield ("cooling",), f'{wrong}; expected eos.kind = "adiabatic"'
+    else:
+        yield from base.scheme_without_particles(draft, "cooling", "cooling")
 
 
-def _keys_of_kind(draft: Draft) -> Iterator[Problem]:
+def _key_problems(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of the keys that belong to each kind of cooling."""
     own = draft.cooling
     for kind, key in KEY_OF.items():
         given = getattr(own, key) is not None
         if kind == own.kind and not given:
             yield ("cooling", key), f'missing, but kind = "{kind}" needs it; expected this key too'
         elif kind != own.kind and given:
-            yield (
-                ("cooling", key),
-                f'used only by kind "{kind}", but cooling.kind is "{own.kind}"; expected kind = "{kind}", or this '
-                "key left out",
-            )
+            wrong = f'used only by kind "{kind}", but cooling.kind is "{own.kind}"'
+            yield ("cooling", key), f'{wrong}; expected kind = "{kind}", or this key left out'
     if isinstance(own.opacity, float) and own.opacity <= 0.0:
         yield ("cooling", "opacity"), f"opacity {own.opacity:g} is not positive; expected more than 0"
+    if own.kind == "radiative" and draft.in_code_units:
+        wrong = "radiative cooling needs temperatures, which do not exist in code units"
+        yield ("cooling", "kind"), f'{wrong}; expected units.system = "physical", or kind = "beta" or "constant"'
 
 
-def _star(draft: Draft) -> Iterator[Problem]:
+def _star_problems(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of keys that need a star, in a scene without one."""
     own = draft.cooling
     if draft.has("star"):
         return
@@ -71,44 +72,34 @@ def _star(draft: Draft) -> Iterator[Problem]:
         what = "beta / Omega" if own.kind == "beta" else "the height of a disc"
         yield ("cooling", "kind"), f"{what} needs a star to orbit; expected a table [star] too"
     elif own.aspect_ratio is not None:
-        yield (
-            ("cooling", "aspect_ratio"),
-            "H/r is defined only about a star; expected a table [star] too",
-        )
+        yield ("cooling", "aspect_ratio"), "H/r is defined only about a star; expected a table [star] too"
 
 
-def _passive_temperature(draft: Draft) -> Iterator[Problem]:
-    """Yield problems of the temperature of the passive disc, which [cooling] or gas.eos must define."""
+def _temperature_problems(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of the temperature to which the gas cools, which [cooling] or gas.eos must define."""
     own, gas = draft.cooling, draft.gas
     if not gas or not draft.eos.holds_heat or own.aspect_ratio is not None or gas.eos.aspect_ratio is not None:
         return
     if gas.eos.sound_speed is None:
-        yield (
-            ("cooling", "aspect_ratio"),
-            "no temperature to cool to, neither here nor in gas.eos; expected cooling.aspect_ratio",
-        )
+        wrong = "no temperature to cool to, neither here nor in gas.eos"
+        yield ("cooling", "aspect_ratio"), f"{wrong}; expected cooling.aspect_ratio"
         return
     for key in ("temperature_index", "reference_radius"):
         if draft.gives("cooling", key):
             yield ("cooling", key), "used only with an aspect_ratio, here or in gas.eos; expected aspect_ratio too"
 
 
-def _needs_physical_units(draft: Draft) -> Iterator[Problem]:
-    if draft.cooling.kind == "radiative" and draft.in_code_units:
-        wrong = "radiative cooling needs temperatures, which do not exist in code units"
-        yield ("cooling", "kind"), f'{wrong}; expected units.system = "physical", or kind = "beta" or "constant"'
-
-
 class Effect(base.Effect):
+    """Cooling of the gas, as part of the kick of its energy: `state.cooled` is set to the method `cooled`."""
+
     keys = Keys
-    rules = (_needs_energy_equation, _keys_of_kind, _star, _passive_temperature, _needs_physical_units)
+    rules = (_energy_equation_problems, _key_problems, _star_problems, _temperature_problems)
 
     def __init__(self, scene: Scene, state: State) -> None:
-        own = scene.cooling
-        assert own is not None
-        self.own = own
-        self.passive = physics.passive_law(scene)
-        self.light = physics.radiative_constants(scene) if own.kind == "radiative" else np.empty(0)
+        assert scene.cooling is not None
+        self.own = scene.cooling
+        self.target = physics.target_energy_law(scene)
+        self.radiation = physics.radiative_constants(scene) if self.own.kind == "radiative" else np.empty(0)
         self.state = state
         state.cooled = self.cooled
 
@@ -117,9 +108,9 @@ class Effect(base.Effect):
         return NANOSECONDS[scene.cooling.kind] * counts.gas
 
     def cooled(self, gas: Gas, dt: float) -> np.ndarray:
-        """Return the specific energies (n,) of the gas after dt of cooling, and of heating at the rate `kick_rate`.
+        """Return the specific energies (n,) of the gas after dt of cooling and of heating at the rate `gas.kick_rate`.
 
-        Positions do not change. The energy of immobile gas does not change either.
+        The gas itself does not change. Immobile gas keeps its energy.
         """
         if dt == 0.0:
             return gas.u.copy()
@@ -127,11 +118,11 @@ class Effect(base.Effect):
         pos = self.state.from_centre(gas.pos)
         if own.kind == "radiative":
             kappa = 0.0 if own.opacity == TABLE else own.opacity
-            grey = kappa, self.passive, *self.state.central, self.light
+            grey = kappa, self.target, *self.state.central, self.radiation
             parallel_for(kernels.radiative, gas.count, pos, gas.u, gas.density, rate, dt, *grey, out)
         else:
             time = own.beta if own.kind == "beta" else own.t_cool
-            law = own.kind == "beta", time, self.passive, *self.state.central
+            law = own.kind == "beta", time, self.target, *self.state.central
             parallel_for(kernels.towards, gas.count, pos, gas.u, rate, dt, *law, out)
         if gas.immobile is not None:
             out[gas.immobile] = gas.u[gas.immobile]

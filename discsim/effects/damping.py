@@ -28,16 +28,16 @@ from discsim.scene.keys.damping import Keys
 from discsim.scene.rules import Draft, Problem
 
 if TYPE_CHECKING:
-    from discsim.physics.local import Local
     from discsim.scene import Scene
 
 kernels = Lazy("discsim.kernels.common.damping")
 PARTICLE_COST = 12.0  # CPU nanoseconds in a step, per particle
-NODES, BEYOND = 4096, 8.0  # number of nodes of the table of v* in ln r, and factor in r of its margin beyond the zones
-NO_SPECIES = np.zeros(0, np.int64)
+# Table of v*: number of nodes in ln r, and ratio of its outermost radius to that of the zones (innermost: inverse).
+NODES, MARGIN = 4096, 8.0
 
 
-def _zones(draft: Draft) -> Iterator[Problem]:
+def _zone_problems(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of a table without damping zones, or with zones that are no rings."""
     damping = draft.damping
     if damping.inner is None and damping.outer is None:
         yield ("damping",), "no damping zone is given; expected inner = [from, to], outer = [from, to], or both"
@@ -47,19 +47,20 @@ def _zones(draft: Draft) -> Iterator[Problem]:
             yield ("damping", key), "the two radii are not increasing; expected [from, to] with 0 < from < to"
 
 
-def _needs_star(draft: Draft) -> Iterator[Problem]:
+def _disc_problems(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of a scene that is no disc about a star."""
     if not draft.has("star"):
-        yield (
-            ("damping",),
-            "damping times are in orbits about a star, but there is no [star]; expected a table [star] too",
-        )
+        wrong = "damping times are in orbits about a star, but there is no [star]"
+        yield ("damping",), f"{wrong}; expected a table [star] too"
     elif draft.space and (draft.dimensions != 2 or draft.space.boundary != "open"):
         yield ("space",), 'damping zones are rings about a star; expected dimensions = 2 and boundary = "open"'
 
 
 class Effect(base.Effect):
+    """Damping of velocities in zones. zones: parameters of the zones and the table of v*, for the kernel."""
+
     keys = Keys
-    rules = (_zones, _needs_star)
+    rules = (_zone_problems, _disc_problems)
     from_start = ("zones",)
 
     def __init__(self, scene: Scene, state: State) -> None:
@@ -70,30 +71,26 @@ class Effect(base.Effect):
         return PARTICLE_COST * (counts.gas + counts.dust)
 
     @classmethod
-    def report(cls, scene: Scene, at: Local) -> base.Report:
-        return base.Report(warnings=cls._warnings(scene))
-
-    @classmethod
-    def _warnings(cls, scene: Scene) -> Iterator[str]:
+    def report(cls, scene: Scene, at: base.GasSamples) -> base.Report:
         inner, outer = scene.table("damping").inner, scene.table("damping").outer
-        if inner and outer and inner[1] > outer[0]:
-            yield "damping.inner overlaps damping.outer, so all gas is damped: leave a gap between the two zones"
+        text = "damping.inner overlaps damping.outer, so all gas is damped: leave a gap between the two zones"
+        return base.Report(warnings=[text] if inner and outer and inner[1] > outer[0] else [])
 
     def begin(self, state: State, effects: Mapping[str, base.Effect]) -> None:
+        """Compute v* from the starting state."""
         keys = self.scene.table("damping")
-        ends = [(zone[::-1], zone[0]) for zone in (keys.inner,) if zone] + [
-            (zone, zone[1]) for zone in (keys.outer,) if zone
-        ]
+        # Radii of each zone from the end that faces the disc to its far end.
+        ends = [zone[::-1] for zone in (keys.inner,) if zone] + [zone for zone in (keys.outer,) if zone]
         rates = [float(kepler_omega(self.scene, far)) / (2.0 * math.pi * keys.time) for _, far in ends]
-        first, last = (math.log(pick(r for zone, _ in ends for r in zone)) for pick in (min, max))
-        first, last = first - math.log(BEYOND), last + math.log(BEYOND)
+        first = math.log(min(min(zone) for zone in ends)) - math.log(MARGIN)
+        last = math.log(max(max(zone) for zone in ends)) + math.log(MARGIN)
         radius = np.exp(np.linspace(first, last, NODES))
-        circles = radius * kepler_omega(self.scene, radius)
+        circular = radius * kepler_omega(self.scene, radius)
         self.zones = kernels.Zones(
-            np.array([[*ends_of, rate] for (ends_of, _), rate in zip(ends, rates, strict=True)]),
+            np.array([[*zone, rate] for zone, rate in zip(ends, rates, strict=True)]),
             first,
             (NODES - 1) / (last - first),
-            balance.tabulated(state, dict(effects), radius) / circles[:, None],
+            balance.tabulated(state, dict(effects), radius) / circular[:, None],
             *state.central,
             self._pull_in_drift(state),
         )
@@ -103,25 +100,21 @@ class Effect(base.Effect):
         found = []
         for name in state.species:
             masses = masses_in_drift(self.scene, name)
-            kinds = 1 if name == "gas" else len(self.scene.dust)
-            found.append(np.zeros(kinds) if masses is None else masses / self.scene.star.mass)
+            rows = 1 if name == "gas" else len(self.scene.dust)
+            found.append(np.zeros(rows) if masses is None else masses / self.scene.star.mass)
         return np.concatenate(found)
 
     def operators(self, state: State) -> list[base.Operator]:
         return [base.Operator("damping.zones", base.Slot.AROUND_DRIFT, self.operate)]
 
     def operate(self, state: State, dt: float) -> None:
+        """Damp velocities of gas and dust over dt, and record the lost momenta in the ledger."""
         ahead = 0.0 if self.scene.model.given is not None else -state.lag
         zones = self.zones._replace(star=state.central_mass)  # a growing star speeds up circular orbits
         for name, p in state.species.items():
-            kind = 0 if name == "gas" else int(state.gas is not None)
-            species = NO_SPECIES if name == "gas" else p.species  # type: ignore[attr-defined]
-            given = p.pos, p.vel, p.mass, species, kind, self.centre(state), zones, ahead, dt
-            lost = rounded(sum(parallel_for(kernels.relax, p.count, *given)))
+            row = 0 if name == "gas" else int(state.gas is not None)  # of v*; the first row of the species
+            species = getattr(p, "species", base.NO_SPECIES)
+            arguments = p.pos, p.vel, p.mass, species, row, base.centre_of_disc(state), zones, ahead, dt
+            lost = rounded(sum(parallel_for(kernels.relax, p.count, *arguments)))
             state.ledger.damped_momentum += lost[:2]
             state.ledger.damped_angular_momentum += float(lost[2])
-
-    def centre(self, state: State) -> np.ndarray:
-        """Return the position and velocity (4,) of the centre of the disc, about which the zones lie."""
-        centre = state.centre
-        return np.zeros(4) if centre is None else np.concatenate(centre)

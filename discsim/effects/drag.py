@@ -13,65 +13,49 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discsim.drag import cautions
 from discsim.drag.base import Kicked
 from discsim.drag.classes import classes_of
 from discsim.drag.engine import Engine
 from discsim.effects import base
+from discsim.effects.drag_base import DragEffect
 from discsim.effects.gas import kick_energy, kick_gas
-from discsim.effects.stopping import stopping_columns
 from discsim.numerics.state import State
 from discsim.numerics.threads import copied, parallel_for
 from discsim.numerics.totals import mean
 from discsim.parts import LAWS, SCHEMES, Lazy
 from discsim.physics.grains import has_sizes
 from discsim.physics.laws import stopping_times
-from discsim.physics.local import Expected
 from discsim.scene.keys.drag import Keys
-from discsim.scene.rules import Draft, Problem
+from discsim.scene.rules import Draft, Problem, quoted
 
 if TYPE_CHECKING:
-    from discsim.physics.local import Local, Outlook
     from discsim.scene import Scene
 
 moves = Lazy("discsim.kernels.common.move")
 heat_of_drag = Lazy("discsim.drag.heat")
-OF_CELLS = (
-    "scheme",
-    "kernel",
-    "cell",
-    "class_width",
-    "heating",
-    "integration",
-)  # keys that apply only to SPH gas
-
+# Keys that apply only to SPH gas.
+OF_CELLS = ("scheme", "kernel", "cell", "class_width", "heating", "integration")
 COST_OF_CLASS = 0.12  # additional cost of each further class of grains, as a fraction of the cost of a kick
 
 
-def _needs_gas_and_dust(draft: Draft) -> Iterator[Problem]:
+def _table_problems(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of drag without gas or without dust."""
     for table in ("gas", "dust"):
         if not draft.has(table) and not (table == "gas" and draft.has("background")):
             also = " or [background]" if table == "gas" else ""
             yield ("drag",), f"drag needs {table}; expected a table [{table}]{also}, or no [drag]"
 
 
-def _width_of_classes(draft: Draft) -> Iterator[Problem]:
+def _class_width_problems(draft: Draft) -> Iterator[Problem]:
     """Yield a problem of drag.class_width if all grains of each population have the same size."""
     grows = draft.has("growth")
     if draft.gives("drag", "class_width") and not grows and not any(map(has_sizes, draft.dust or ())):
-        yield (
-            ("drag", "class_width"),
-            "class_width needs grains of different sizes; expected a size distribution in dust.grain_size, [growth], "
-            "or this key left out",
-        )
+        words = "expected a size distribution in dust.grain_size, [growth], or this key left out"
+        yield ("drag", "class_width"), f"class_width needs grains of different sizes; {words}"
 
 
-def _names(laws: list[str]) -> str:
-    """Return names in quotes, joined by "or"."""
-    return " or ".join(f'"{name}"' for name in laws)
-
-
-def _keys_of_the_law(draft: Draft) -> Iterator[Problem]:
+def _law_key_problems(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of keys that the drag law needs or does not use."""
     law = draft.drag.law
     for key in dict.fromkeys(part.key for part in LAWS.values() if part.key):
         laws = [name for name in LAWS if LAWS[name].key == key]
@@ -79,37 +63,33 @@ def _keys_of_the_law(draft: Draft) -> Iterator[Problem]:
         if law in laws and not given:
             yield ("drag", key), f'missing, but law "{law}" needs it; expected this key too'
         elif law not in laws and given:
-            yield (
-                ("drag", key),
-                f'used only by law {_names(laws)}, but drag.law is "{law}"; expected another law, or this key left out',
-            )
+            wrong = f'used only by law {quoted(laws)}, but drag.law is "{law}"'
+            yield ("drag", key), f"{wrong}; expected another law, or this key left out"
     if draft.drag.supersonic and not LAWS[law].of_grains:
-        words = _names([name for name in LAWS if LAWS[name].of_grains])
+        words = quoted(name for name in LAWS if LAWS[name].of_grains)
         yield ("drag", "supersonic"), f'law "{law}" has no supersonic correction; expected law {words}, or false'
-    if draft.drag.mean_free_column is not None and not LAWS[law].by_column:
-        words = _names([name for name in LAWS if LAWS[name].by_column])
+    if draft.drag.mean_free_column is not None and not LAWS[law].needs_mean_free_path:
+        words = quoted(name for name in LAWS if LAWS[name].needs_mean_free_path)
         yield ("drag", "mean_free_column"), f'not used by law "{law}"; expected law {words}, or this key left out'
 
 
-def _keys_of_the_scheme(draft: Draft) -> Iterator[Problem]:
+def _scheme_key_problems(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of keys that the drag scheme, or drag by a [background], does not use."""
     scheme = draft.drag.scheme
     if draft.has("background"):
-        for key in OF_CELLS:
-            if draft.gives("drag", key):
-                yield ("drag", key), "not used with [background], which has no drag cells; remove this key"
-        return
-    for why, keys in SCHEMES[scheme].unused.items():
+        unused = {"not used with [background], which has no drag cells": OF_CELLS}
+    else:
+        unused = {f'scheme "{scheme}" has {why}': keys for why, keys in SCHEMES[scheme].unused.items()}
+    for wrong, keys in unused.items():
         for key in keys:
             if draft.gives("drag", key):
-                yield ("drag", key), f'scheme "{scheme}" has {why}; remove this key'
-
-
-def _one_cell_size(draft: Draft) -> Iterator[Problem]:
+                yield ("drag", key), f"{wrong}; remove this key"
     if draft.drag.cell is not None and draft.drag.cell_length is not None:
         yield ("drag", "cell_length"), "drag.cell is also given; expected only one of the two"
 
 
-def _heating(draft: Draft) -> Iterator[Problem]:
+def _heating_problems(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of drag.heating in gas without an energy equation, and with one-way drag."""
     if not draft.drag.heating:
         return
     if draft.gas and not draft.eos.holds_heat:
@@ -121,10 +101,12 @@ def _heating(draft: Draft) -> Iterator[Problem]:
 CELLS = "drag.cells"  # name of the operator that builds the drag cells
 
 
-class Effect(base.KickEffect):
+class Effect(DragEffect):
+    """Drag between SPH gas and dust particles, and the whole kick of the species."""
+
     keys = Keys
     role = base.Role(kicks=True, grid=True, lists_schemes=True)
-    rules = (_needs_gas_and_dust, _keys_of_the_law, _keys_of_the_scheme, _width_of_classes, _one_cell_size, _heating)
+    rules = (_table_problems, _law_key_problems, _scheme_key_problems, _class_width_problems, _heating_problems)
 
     def __init__(self, scene: Scene, state: State) -> None:
         self.drag, self.state = scene.drag, state
@@ -142,10 +124,6 @@ class Effect(base.KickEffect):
     def unused(cls, scene: Scene) -> tuple[str, ...]:
         return sum(SCHEMES[scene.drag.scheme].unused.values(), ())
 
-    @classmethod
-    def report(cls, scene: Scene, at: Local) -> base.Report:
-        return base.Report(warnings=cautions.warnings(scene, at))
-
     def operators(self, state: State) -> list[base.Operator]:
         reads = base.arrays("gas", "pos vel mass h") | base.arrays("dust", "pos vel mass species size") | {"bodies"}
         motion = base.arrays(("gas", "dust"), "acc") | base.arrays("gas", "density sound_speed u small")
@@ -158,7 +136,7 @@ class Effect(base.KickEffect):
     def stopping_time(
         self, population: int, density: np.ndarray, sound: np.ndarray, omega: np.ndarray, ratio: float
     ) -> np.ndarray:
-        """Return the stopping times (n,) of a population at zero slip.
+        """Return the stopping times (n,) of the dust population with the index `population` at zero slip.
 
         density, sound, omega (n,): density, thermal speed and orbital frequency of the gas. ratio: dust-to-gas mass
         ratio of the population.
@@ -177,23 +155,20 @@ class Effect(base.KickEffect):
 
     def find_cells(self, view: base.View) -> tuple[Any, np.ndarray] | None:
         """Return the drag cells of the next kick and the present gas velocities; None if the kick builds the cells."""
-        # About a centre other than the origin, building cells shifts positions, which other threads read at this time.
+        # About a moving centre, building cells shifts positions, which other threads read at this time.
         if self.engine.scheme.build is None or view.centre is not None or not _both_present(view):
             return None
         return self.engine.prepare(view), copied(view.gas.vel)
 
     @classmethod
-    def expected_limit(cls, scene: Scene, outlook: Outlook) -> Expected:
+    def expected_limit(cls, scene: Scene, outlook: base.ForecastState) -> base.Expected:
         """Estimate the limit of an explicit scheme: the shortest t_stop / max(1, eps)."""
         at, drag = outlook.at, scene.drag
         if not SCHEMES[drag.scheme].explicit or drag.direction == "one-way" or not scene.gas:
-            return Expected()
+            return base.Expected()
         found = stopping_times(scene, at.density, at.thermal_speed, at.omega)
-        if not found:
-            return Expected()
-        shortest = np.min(found, axis=0) / max(1.0, sum(dust.ratio for dust in scene.dust or ()))
-        worst = int(np.argmin(shortest))
-        return Expected(float(shortest[worst]), at.where(worst))
+        loading = max(1.0, sum(dust.ratio for dust in scene.dust or ()))
+        return at.smallest(np.min(found, axis=0) / loading) if found else base.Expected()
 
     def limit(self, view: base.View) -> dict[str, base.Limit]:
         if not self.engine.scheme.explicit or not self.two_way or not _both_present(view):
@@ -201,6 +176,7 @@ class Effect(base.KickEffect):
         return {base.ALL: base.Limit(self.engine.limit(view))}
 
     def kick(self, state: State, dt: float) -> None:
+        """Advance the velocities of gas and dust, and the energies of the gas, over dt."""
         gas, dust, two_way = state.gas, state.dust, self.two_way
         self._kicked = state.step, state.time
         prepared, before = state.results.pop(CELLS, None) or (None, copied(gas.vel))
@@ -246,9 +222,7 @@ class Effect(base.KickEffect):
         dust.vel = vel
         return self.stopping_times
 
-    def columns(self, state: State) -> dict[str, dict[str, np.ndarray]]:
-        return stopping_columns(state, self.current_stopping_times(state))
-
 
 def _both_present(state: State | base.View) -> bool:
+    """Return whether gas and dust are left, counted over all processes."""
     return state.gas.everywhere > 0 and state.dust.everywhere > 0

@@ -14,7 +14,7 @@ from discsim.numerics.threads import parallel_for
 from discsim.parts import LAWS, SCHEMES, Lazy
 from discsim.physics.orbits import masses_in_drift
 from discsim.scene.keys.dust import Keys, Sizes
-from discsim.scene.rules import Draft, Problem, kinds
+from discsim.scene.rules import Draft, Problem, kinds, quoted
 
 if TYPE_CHECKING:
     from discsim.scene import Scene
@@ -24,20 +24,19 @@ moves = Lazy("discsim.kernels.common.move")
 GRAIN_COST = 2.0  # CPU nanoseconds in a step, per particle
 
 
-def _inner_and_outer(draft: Draft) -> Iterator[Problem]:
+def _edge_problems(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of the keys `inner` and `outer`, the radii between which a population starts."""
     for i, dust in enumerate(draft.dust or ()):
         for key in ("inner", "outer"):
             if draft.start and not draft.start.edges and getattr(dust, key) is not None:
+                wrong = f'initial.kind = "{draft.kind}" has no radius'
                 words = " or ".join(kinds(lambda start: start.edges))
-                yield (
-                    ("dust", i, key),
-                    f'initial.kind = "{draft.kind}" has no radius; expected {words}, or this key left out',
-                )
+                yield ("dust", i, key), f"{wrong}; expected {words}, or this key left out"
         if dust.inner is not None and dust.outer is not None and dust.outer <= dust.inner:
             yield ("dust", i, "outer"), "outer is not larger than inner; expected outer > inner"
 
 
-def _sizes(draft: Draft) -> Iterator[Problem]:
+def _size_problems(draft: Draft) -> Iterator[Problem]:
     """Yield problems of size distributions, which need a drag law and a drag scheme that depend on the size."""
     for i, dust in enumerate(draft.dust or ()):
         sizes, where = dust.grain_size, ("dust", i, "grain_size")
@@ -48,19 +47,28 @@ def _sizes(draft: Draft) -> Iterator[Problem]:
         if draft.drag is None:
             yield where, "grain sizes have no effect without drag; expected a table [drag] too"
         elif not LAWS[draft.drag.law].of_grains:
-            words = " or ".join(f'"{name}"' for name, law in LAWS.items() if law.of_grains)
-            yield where, f'drag.law "{draft.drag.law}" does not depend on grain size; expected drag.law {words}'
+            wrong = f'drag.law "{draft.drag.law}" does not depend on grain size'
+            yield where, f"{wrong}; expected drag.law {laws_of_grains()}"
         elif not draft.has("background") and not SCHEMES[draft.drag.scheme].sizes:
-            words = " or ".join(f'"{name}"' for name, scheme in SCHEMES.items() if scheme.sizes)
-            yield (
-                where,
-                f'drag.scheme "{draft.drag.scheme}" allows only one size per population; expected drag.scheme {words}',
-            )
+            wrong = f'drag.scheme "{draft.drag.scheme}" allows only one size per population'
+            yield where, f"{wrong}; expected drag.scheme {schemes_with_sizes()}"
+
+
+def laws_of_grains() -> str:
+    """Return the names of the drag laws that depend on grain size, for messages."""
+    return quoted(name for name, law in LAWS.items() if law.of_grains)
+
+
+def schemes_with_sizes() -> str:
+    """Return the names of the drag schemes that allow several grain sizes in a population, for messages."""
+    return quoted(name for name, scheme in SCHEMES.items() if scheme.sizes)
 
 
 class Effect(base.Effect):
+    """Motion of the dust particles."""
+
     keys = Keys
-    rules = (_inner_and_outer, _sizes)
+    rules = (_edge_problems, _size_problems)
     role = base.Role(several=True)
 
     def __init__(self, scene: Scene, state: State) -> None:

@@ -30,15 +30,14 @@ from discsim.formulas.smoothing import SMOOTHING
 from discsim.numerics import world
 from discsim.numerics.state import State
 from discsim.numerics.threads import copied, parallel_for
-from discsim.parts import SCHEMES, Lazy
+from discsim.parts import Lazy
 from discsim.physics import diffusion
 from discsim.physics.eos import thermal_speed
-from discsim.physics.orbits import velocities_turn
+from discsim.physics.orbits import drift_rotates_velocities
 from discsim.scene.fields import Default, Diffusivity, Number, Table
 from discsim.scene.rules import Draft, Problem
 
 if TYPE_CHECKING:
-    from discsim.physics.local import Local
     from discsim.scene import Scene
 
 kernels = Lazy("discsim.kernels.dust.diffusion")
@@ -65,40 +64,33 @@ class Keys(Table):
     )
 
 
-def _one_strength(draft: Draft) -> Iterator[Problem]:
+def _strength_problems(draft: Draft) -> Iterator[Problem]:
     """Yield problems of a scene that defines no strength of the turbulence, or two."""
     own = draft.dust_diffusion
     if own.alpha is not None and own.D is not None:
         yield ("dust_diffusion", "D"), "alpha is also given; expected only one of the two"
     elif own.alpha is None and own.D is None and not draft.has("alpha_viscosity"):
-        yield (
-            ("dust_diffusion",),
-            "no strength of the turbulence is given; expected alpha, D, or a table [alpha_viscosity]",
-        )
+        wrong = "no strength of the turbulence is given"
+        yield ("dust_diffusion",), f"{wrong}; expected alpha, D, or a table [alpha_viscosity]"
 
 
-def _needs_dust_particles(draft: Draft) -> Iterator[Problem]:
+def _dust_problems(draft: Draft) -> Iterator[Problem]:
     """Yield problems of a scene without dust particles."""
     if not draft.has("dust"):
         yield ("dust_diffusion",), "dust diffusion needs dust; expected a table [dust] too"
-    elif draft.drag and SCHEMES[draft.drag.scheme].on_grid:
-        yield (
-            ("dust_diffusion",),
-            f'drag.scheme "{draft.drag.scheme}" has no dust diffusion; expected another drag.scheme',
-        )
+    else:
+        yield from base.scheme_without_particles(draft, "dust_diffusion", "dust diffusion")
 
 
-def _needs_gas(draft: Draft) -> Iterator[Problem]:
+def _gas_problems(draft: Draft) -> Iterator[Problem]:
     """Yield problems of a scene that derives D from the gas and lacks gas, drag or orbits."""
     if draft.dust_diffusion.D is not None or not draft.has("dust"):
         return
     if not draft.has("gas") and not draft.has("background"):
         yield ("dust_diffusion",), "alpha c_s H needs gas; expected a table [gas] or [background], or D instead"
     elif not draft.has("drag"):
-        yield (
-            ("dust_diffusion",),
-            "turbulent gas does not act on dust without drag; expected a table [drag] too, or D instead",
-        )
+        wrong = "turbulent gas does not act on dust without drag"
+        yield ("dust_diffusion",), f"{wrong}; expected a table [drag] too, or D instead"
     layer = draft.external is not None and draft.external.vertical_frequency > 0.0
     if draft.dust_diffusion.alpha is not None and not draft.has("star") and not layer:
         wrong = "H = c_s / Omega needs an orbital frequency"
@@ -106,8 +98,10 @@ def _needs_gas(draft: Draft) -> Iterator[Problem]:
 
 
 class Effect(base.Effect):
+    """Random walk of the dust particles."""
+
     keys = Keys
-    rules = (_one_strength, _needs_dust_particles, _needs_gas)
+    rules = (_strength_problems, _dust_problems, _gas_problems)
 
     def __init__(self, scene: Scene, state: State) -> None:
         self.scene, self.dim = scene, scene.space.dimensions
@@ -123,103 +117,81 @@ class Effect(base.Effect):
         self.drag = effects.get("drag")
 
     @classmethod
-    def report(cls, scene: Scene, at: Local) -> base.Report:
-        return base.Report(cls._rows(scene, at), cls._warnings(scene, at))
-
-    @classmethod
-    def _rows(cls, scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
-        found = diffusion.at_places(scene, at)
-        for i, (strength, _) in enumerate(found):
-            which = f" {i}" if len(found) > 1 else ""
-            texts = [scene.units.show(float(value), "diffusivity") for value in strength]
-            yield f"diffusion coefficient of dust{which}", ", ".join(texts)
-            if at.scale_height is not None:
-                times = [scene.units.show(float(time), "time") for time in at.scale_height**2 / strength]
-                yield f"diffusion time over H{which}", ", ".join(times)
-
-    @classmethod
-    def _warnings(cls, scene: Scene, at: Local) -> Iterator[str]:
-        if at.step is None or at.resolution is None:
-            return
-        dt = scene.run.timestep or scene.run.courant * at.step
-        for strength, _ in diffusion.at_places(scene, at):
-            steps = 2.0 * strength * dt / (LONGEST_WALK * at.resolution) ** 2
-            worst = int(np.argmax(steps))
-            if steps[worst] > MANY_SUBSTEPS:
-                key = "D" if scene.table("dust_diffusion").D is not None else "alpha"
-                yield (
-                    f"dust diffusion needs about {steps[worst]:.3g} substeps per time step {at.where(worst)}, each of "
-                    f"at most h/2: lower dust_diffusion.{key} or run.courant"
-                )
-                return
+    def report(cls, scene: Scene, at: base.GasSamples) -> base.Report:
+        return base.Report(_rows(scene, at), _warnings(scene, at))
 
     @classmethod
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
-        about = SMOOTHING[scene.gas.kernel].neighbours(scene.gas.eta) if scene.gas else 0.0
+        neighbours = SMOOTHING[scene.gas.kernel].neighbours(scene.gas.eta) if scene.gas else 0.0
         passes = 3 if scene.gas and scene.star and scene.drag and scene.drag.direction == "two-way" else 1
-        return counts.dust * (GRAIN_COST + passes * PAIR_COST * about)
+        return counts.dust * (GRAIN_COST + passes * PAIR_COST * neighbours)
 
     def operators(self, state: State) -> list[base.Operator]:
         return [base.Operator("dust_diffusion.walk", base.Slot.MOVE, self.move)]
 
     def move(self, state: State, dt: float) -> None:
+        """Move the dust by the random walk over dt, in substeps."""
         dust = state.dust
         if dust.everywhere == 0 or (state.gas is not None and state.gas.everywhere == 0):
             return
         norm, strength = np.empty((2, dust.count))
-        drift, centre = np.empty_like(dust.pos), self._centre(state)
+        drift, centre = np.empty_like(dust.pos), base.centre_of_disc(state)
         times = self.drag.stopping_times if self.uses_stokes else norm
-        row, stirring = self._turbulence(state)
+        row, turbulence = self._turbulence(state)
         done, steps, count = 0, 1, state.step + state.earlier
-        gas = _GasSampler(self, state)
+        sampler = _GasSampler(self, state)
         while done < steps:
-            field = gas.about(dust.pos)
+            gas = sampler.at(dust.pos)
             steepest = max(
                 parallel_for(
-                    kernels.strengths, dust.count, dust.pos, centre, row, field, times, norm, done == 0,
-                    stirring, strength, drift,
+                    kernels.strengths, dust.count, dust.pos, centre, row, gas, times, norm, done == 0,
+                    turbulence, strength, drift,
                 )
             )  # fmt: skip
             if done == 0:
                 steps = _substeps(2.0 * float(world.processes.most(steepest)) * dt / LONGEST_WALK**2)
             if dust.immobile is not None:
                 strength[dust.immobile] = 0.0
-            self._walk(state, gas, field, (strength, drift), dt / steps, state.lag + dt, count * MOST_SUBSTEPS + done)
+            lag = 0.0 if drift_rotates_velocities(self.scene) else state.lag + dt
+            self._walk(state, sampler, gas, strength, drift, dt / steps, lag, count * MOST_SUBSTEPS + done)
             done += 1
 
     def _walk(
         self,
         state: State,
-        gas: _GasSampler,
-        field: np.ndarray,
-        found: tuple[np.ndarray, np.ndarray],
+        sampler: _GasSampler,
+        gas: np.ndarray,
+        strength: np.ndarray,
+        drift: np.ndarray,
         dt: float,
         lag: float,
-        step: int,
+        number: int,
     ) -> None:
         """Make one substep of the walk over dt, and subtract the gained angular momentum from the gas.
 
-        field: gas at the grains, from `_GasSampler.about`. found: strength (n,) and drift (n, d) of the walk. lag:
-        time by which velocities are behind positions. step: number for the random vectors.
+        gas: properties of the gas at the grains, from `_GasSampler.at`. strength (n,), drift (n, d): of the walk, from
+        `kernels.strengths`. lag: time by which velocities are rotated behind positions on circular orbits. number:
+        number of the substep in the run, for the random vectors.
         """
-        dust, centre, star = state.dust, self._centre(state), state.central
-        lag = 0.0 if velocities_turn(self.scene) else lag
+        dust, centre, star = state.dust, base.centre_of_disc(state), state.central
         circles = kernels.Circles(*star, lag, centre)
         two_way = star[0] > 0.0 and state.gas is not None and self.drag is not None and not state.unnoticed
         gained = np.empty(dust.count if two_way else 0)
         before = copied(dust.pos) if two_way else dust.pos
         parallel_for(
-            kernels.walk, dust.count, dust.pos, dust.vel, dust.ids, *found, field, self.key, step, dt, circles, gained
-        )
+            kernels.walk, dust.count, dust.pos, dust.vel, dust.ids, strength, drift, gas, self.key, number, dt,
+            circles, gained,
+        )  # fmt: skip
         if self.scene.space.boundary == "periodic":
             parallel_for(moves.wrap, dust.count, dust.pos, np.array(self.scene.space.size))
         if two_way:
-            gas.subtract_angular_momentum(gained * dust.mass, before, dust.pos, field[:, kernels.DENSITY], centre)
+            sampler.subtract_angular_momentum(gained * dust.mass, before, dust.pos, gas[:, kernels.DENSITY], centre)
 
     def _turbulence(self, state: State) -> tuple[np.ndarray, Any]:
         """Return (row, turbulence) for the kernels.
 
-        row (n,): index of each grain's law parameters in `turbulence`. turbulence: parameters of turbulence and law.
+        row (n,): row of each grain in the parameters of the drag law. turbulence: parameters of the turbulence and of
+        the drag law.
         """
         law, dust = self.drag.law if self.uses_stokes else None, state.dust
         row, grains = dust.species, law.grains if law else np.empty((0, 5))
@@ -230,21 +202,19 @@ class Effect(base.Effect):
             law.code if law else 0, grains,
         )  # fmt: skip
 
-    def _centre(self, state: State) -> np.ndarray:
-        """Return the position and velocity (4,) of the centre of the disc."""
-        centre = state.centre
-        return np.zeros(4) if centre is None else np.concatenate(centre)
-
 
 class _GasSampler:
-    """Sampler of the gas at the positions of grains, from gas particles, a given disc, or uniform gas."""
+    """Sampler of the gas at the positions of dust particles, from gas particles, a given disc, or uniform gas."""
 
     def __init__(self, effect: Effect, state: State) -> None:
         self.effect, self.state = effect, state
         self.gas = meeting.Surroundings(effect.sph, state.gas) if effect.sph is not None else None
 
-    def about(self, pos: np.ndarray) -> np.ndarray:
-        """Return gas properties (n, 3 + 2 d) at positions (n, d), in the order of `kernels/dust/diffusion.py`."""
+    def at(self, pos: np.ndarray) -> np.ndarray:
+        """Return gas properties (n, 3 + 2 d) at the dust positions `pos` (n, d).
+
+        `kernels/dust/diffusion.py` has the order of the properties.
+        """
         effect, state, columns = self.effect, self.state, 3 + 2 * self.effect.dim
         if effect.sph is None:
             field = np.zeros((len(pos), columns))
@@ -264,30 +234,60 @@ class _GasSampler:
         return field[met.grains.own]
 
     def subtract_angular_momentum(
-        self, given: np.ndarray, start: np.ndarray, end: np.ndarray, density: np.ndarray, centre: np.ndarray
+        self, gained: np.ndarray, start: np.ndarray, end: np.ndarray, density: np.ndarray, centre: np.ndarray
     ) -> None:
-        """Subtract from the gas the angular momenta `given` (n,) that grains gained in a substep.
+        """Subtract from the gas velocities the angular momenta `gained` (n,) by grains in a substep.
 
-        start, end (n, d): positions of the grains before and after the substep. Gas near the middle of both loses the
-        angular momentum; if there is none, gas near `start`. density (n,): density of the gas at `start`. centre (4,):
-        position and velocity of the disc's centre.
+        start, end (n, d): positions of the grains before and after the substep. Gas near the middle of the substep
+        loses the angular momentum or, if there is no gas, gas near `start`. density (n,): density of the gas at
+        `start`. centre (4,): position and velocity of the disc's centre.
         """
         effect, gas = self.effect, self.state.gas
         middle = 0.5 * (start + end)
-        there = self.about(middle)[:, kernels.DENSITY].copy()
-        empty = there == 0.0
-        middle[empty], there[empty] = start[empty], density[empty]
+        middle_density = self.at(middle)[:, kernels.DENSITY].copy()
+        empty = middle_density == 0.0
+        middle[empty], middle_density[empty] = start[empty], density[empty]
         met = self.gas.meet(middle, self.state.dust.global_index)
         vel = met.gas.of(gas.vel)
         parallel_for(
             kernels.recoil_driver(effect.sph.kernel), len(met.cells.filled), met.cells, met.grain_cells, met.pos, met.h,
-            met.grains.of(there), met.grains.of(given), centre, vel, least=neighbours.LEAST, each=met.grains_about,
+            met.grains.of(middle_density), met.grains.of(gained), centre, vel,
+            least=neighbours.LEAST, each=met.grains_about,
         )  # fmt: skip
         gas.vel[:] = vel[met.gas.own]
 
 
+def _rows(scene: Scene, at: base.GasSamples) -> Iterator[tuple[str, str]]:
+    """Yield (name, text) of the diffusion coefficient and time of each dust population."""
+    found = diffusion.at_places(scene, at)
+    for i, (strength, _) in enumerate(found):
+        which = f" {i}" if len(found) > 1 else ""
+        texts = [scene.units.show(float(value), "diffusivity") for value in strength]
+        yield f"diffusion coefficient of dust{which}", ", ".join(texts)
+        if at.scale_height is not None:
+            times = [scene.units.show(float(time), "time") for time in at.scale_height**2 / strength]
+            yield f"diffusion time over H{which}", ", ".join(times)
+
+
+def _warnings(scene: Scene, at: base.GasSamples) -> Iterator[str]:
+    """Yield a warning of many substeps in a time step."""
+    if at.step is None or at.resolution is None:
+        return
+    dt = scene.run.timestep or scene.run.courant * at.step
+    for strength, _ in diffusion.at_places(scene, at):
+        steps = 2.0 * strength * dt / (LONGEST_WALK * at.resolution) ** 2
+        worst = int(np.argmax(steps))
+        if steps[worst] > MANY_SUBSTEPS:
+            key = "D" if scene.table("dust_diffusion").D is not None else "alpha"
+            yield (
+                f"dust diffusion needs about {steps[worst]:.3g} substeps per time step {at.where(worst)}, each of "
+                f"at most h/2: lower dust_diffusion.{key} or run.courant"
+            )
+            return
+
+
 def _substeps(wanted: float) -> int:
-    """Return the number of substeps, `wanted` rounded up. Raises FloatingPointError above MOST_SUBSTEPS."""
+    """Return `wanted`, at least 1, rounded up to a whole number. Raises FloatingPointError above MOST_SUBSTEPS."""
     if not wanted <= MOST_SUBSTEPS:
         raise FloatingPointError(
             f"dust_diffusion would need {wanted:.2g} substeps per time step, each over half the length scale of "

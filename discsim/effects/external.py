@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,15 +9,15 @@ import numpy as np
 from discsim.effects import base
 from discsim.numerics.state import State
 from discsim.numerics.totals import total
-from discsim.physics.local import Expected
 from discsim.scene.keys.external import Keys
 
 if TYPE_CHECKING:
-    from discsim.physics.local import Local, Outlook
     from discsim.scene import Scene
 
 
 class Effect(base.Effect):
+    """Prescribed accelerations of gas and dust. constant: constant accelerations by species."""
+
     keys = Keys
 
     def __init__(self, scene: Scene, state: State) -> None:
@@ -26,21 +25,20 @@ class Effect(base.Effect):
         self.frequency = scene.external.vertical_frequency
 
     @classmethod
-    def report(cls, scene: Scene, at: Local) -> base.Report:
-        return base.Report(warnings=cls._warnings(scene))
+    def report(cls, scene: Scene, at: base.GasSamples) -> base.Report:
+        text = (
+            "external.vertical_frequency attracts to z = 0, but z is periodic, so the force jumps at the boundary: "
+            'set space.boundary to "open", or leave vertical_frequency out'
+        )
+        is_wrong = scene.external.vertical_frequency > 0.0 and scene.space.boundary == "periodic"
+        return base.Report(warnings=[text] if is_wrong else [])
 
     @classmethod
-    def _warnings(cls, scene: Scene) -> Iterator[str]:
-        if scene.external.vertical_frequency > 0.0 and scene.space.boundary == "periodic":
-            yield (
-                "external.vertical_frequency attracts to z = 0, but z is periodic, so the force jumps at the boundary: "
-                'set space.boundary to "open", or leave vertical_frequency out'
-            )
-
-    @classmethod
-    def expected_limit(cls, scene: Scene, outlook: Outlook) -> Expected:
+    def expected_limit(cls, scene: Scene, outlook: base.ForecastState) -> base.Expected:
         frequency = scene.external.vertical_frequency
-        return Expected(1.0 / frequency, "from external.vertical_frequency") if frequency > 0.0 else Expected()
+        return (
+            base.Expected(1.0 / frequency, "from external.vertical_frequency") if frequency > 0.0 else base.Expected()
+        )
 
     def operators(self, state: State) -> list[base.Operator]:
         pos, acc = (base.arrays(state.species, name) for name in ("pos", "acc_unshared"))
@@ -63,7 +61,7 @@ class Effect(base.Effect):
     def potential_energy(self, state: State) -> float:
         energy = 0.0
         for name, p in state.species.items():
-            lift = sum(p.pos[:, axis] * along for axis, along in enumerate(self.constant[name]))
-            energy -= total(p.mass * lift)
+            work = sum(p.pos[:, axis] * component for axis, component in enumerate(self.constant[name]))
+            energy -= total(p.mass * work)
             energy += 0.5 * self.frequency**2 * total(p.mass * p.pos[:, -1] ** 2)
         return energy

@@ -21,13 +21,12 @@ from discsim.numerics.threads import blocks, copied, fill, parallel_for
 from discsim.parts import EOS, Lazy
 from discsim.physics import centre, companions, viscosity
 from discsim.physics.eos import eos_of, pressure_and_sound_speed, radius, thermal_speed
-from discsim.physics.local import Expected, longest_step, resolution
+from discsim.physics.local import longest_step, resolution
 from discsim.physics.orbits import masses_in_drift
 from discsim.scene.keys.gas import Keys
-from discsim.scene.rules import Draft, Problem
+from discsim.scene.rules import Draft, Problem, quoted
 
 if TYPE_CHECKING:
-    from discsim.physics.local import Local, Outlook
     from discsim.scene import Scene
 
 eos_kernels = Lazy("discsim.kernels.sph.eos")
@@ -39,50 +38,43 @@ sums = Lazy("discsim.numerics.sph")
 
 # CPU nanoseconds in a step: per particle, and per neighbour of a particle by the precision of the sums.
 PARTICLE, NEIGHBOUR = 300.0, {"double": 27.0, "single": 15.0}
-QUIETED = ("isothermal", "locally-isothermal")  # kinds of eos that allow quiet gas
-RECONSTRUCTED, QUIET_COST = (
-    1.2,
-    150.0,
-)  # factor on NEIGHBOUR for reconstructed velocities; CPU nanoseconds per quiet particle
+RECONSTRUCTED, QUIET_COST = 1.2, 150.0  # factor on NEIGHBOUR for reconstructed velocities; per particle of quiet gas
+QUIET_EOS = ("isothermal", "locally-isothermal")  # kinds of eos that allow quiet gas
+DENSITY = "gas.density"  # name of the operator that computes it
 
 
-def _fixed_smoothing(draft: Draft) -> Iterator[Problem]:
-    if draft.gas.smoothing_length is not None and draft.gives("gas", "eta"):
-        yield ("gas", "smoothing_length"), "gas.eta is also given; expected only one of the two"
-    elif draft.space and (draft.gas.smoothing_length or 0.0) > 2 * max(draft.space.size):
-        times = draft.gas.smoothing_length / max(draft.space.size)
-        yield ("gas", "smoothing_length"), f"{times:.3g} times space.size; expected at most 2 times"
-
-
-def _too_few_neighbours(draft: Draft) -> Iterator[Problem]:
-    if draft.gas.smoothing_length is not None:
+def _smoothing_problems(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of a fixed smoothing length, or of one that gives a particle too few neighbours."""
+    gas = draft.gas
+    if gas.smoothing_length is not None:
+        if draft.gives("gas", "eta"):
+            yield ("gas", "smoothing_length"), "gas.eta is also given; expected only one of the two"
+        elif draft.space and gas.smoothing_length > 2 * max(draft.space.size):
+            times = gas.smoothing_length / max(draft.space.size)
+            yield ("gas", "smoothing_length"), f"{times:.3g} times space.size; expected at most 2 times"
         return
-    kernel = SMOOTHING[draft.gas.kernel]
-    least = kernel.least_eta[draft.dimensions - 1]
-    if draft.gas.eta < least:
-        wrong = f'{draft.gas.eta:g} leaves a particle of kernel "{draft.gas.kernel}" without neighbours'
-        usual = kernel.eta[draft.dimensions - 1]
-        yield ("gas", "eta"), f"{wrong}; expected more than {least:g}, like {usual:g}"
+    kernel, axis = SMOOTHING[gas.kernel], draft.dimensions - 1
+    if gas.eta < kernel.least_eta[axis]:
+        wrong = f'{gas.eta:g} leaves a particle of kernel "{gas.kernel}" without neighbours'
+        yield ("gas", "eta"), f"{wrong}; expected more than {kernel.least_eta[axis]:g}, like {kernel.eta[axis]:g}"
 
 
-def _heat_to_conduct(draft: Draft) -> Iterator[Problem]:
+def _conductivity_problems(draft: Draft) -> Iterator[Problem]:
     """Yield a problem of conductivity in gas without an energy equation."""
     if draft.gas.conductivity and not draft.eos.holds_heat:
-        words = " or ".join(f'"{kind}"' for kind, eos in EOS.items() if eos.holds_heat)
-        yield (
-            ("gas", "conductivity"),
-            f'conductivity needs an energy equation, but gas.eos.kind is "{draft.eos_kind}"; expected {words}',
-        )
+        wrong = f'conductivity needs an energy equation, but gas.eos.kind is "{draft.eos_kind}"'
+        words = quoted(kind for kind, eos in EOS.items() if eos.holds_heat)
+        yield ("gas", "conductivity"), f"{wrong}; expected {words}"
 
 
-def _needs_of_quiet(draft: Draft) -> Iterator[Problem]:
+def _quiet_problems(draft: Draft) -> Iterator[Problem]:
     """Yield problems of quiet gas. It needs a disc or a periodic plane, isothermal gas and reconstructed velocities."""
     gas, where = draft.gas, ("gas", "quiet")
     if gas.quiet is None:
         return
     if not draft.has("star") and not (draft.space and draft.space.boundary == "periodic" and draft.dimensions == 2):
         yield where, "quiet needs a disc about a star, or a periodic 2D space; expected one of these, or no quiet"
-    if draft.eos_kind not in QUIETED:
+    if draft.eos_kind not in QUIET_EOS:
         wrong = f'quiet has no energy equation, but gas.eos.kind is "{draft.eos_kind}"'
         yield where, f'{wrong}; expected kind = "isothermal" or "locally-isothermal"'
     if gas.viscosity is None or gas.viscosity.acts_in_shear:
@@ -90,7 +82,7 @@ def _needs_of_quiet(draft: Draft) -> Iterator[Problem]:
         yield where, f'{wrong}; expected gas.viscosity.pairs = "reconstructed"'
 
 
-def _switched_twice(draft: Draft) -> Iterator[Problem]:
+def _switch_problems(draft: Draft) -> Iterator[Problem]:
     """Yield a problem of a viscosity switch and a reconstruction that both remove viscosity from shear."""
     viscosity = draft.gas.viscosity
     if viscosity and not viscosity.acts_in_shear and viscosity.switch != "none":
@@ -104,17 +96,17 @@ def _switched_twice(draft: Draft) -> Iterator[Problem]:
 FINE, COARSE, AT_EDGES = 0.5, 1.0, 0.1
 
 
-def _coarse_warnings(scene: Scene, at: Local) -> Iterator[str]:
+def _resolution_warnings(scene: Scene, at: base.GasSamples) -> Iterator[str]:
     """Yield a warning of gas with a smoothing length too large for its scale height."""
     if at.resolution is None or at.scale_height is None:
         return
     ratio = at.resolution / at.scale_height
     worst = int(np.argmax(ratio))
     where = f"h/H = {ratio[worst]:.2g} {at.where(worst)}"
-    by_mass, below = at.by_mass()
-    coarse = 1.0 - float(np.interp(FINE, by_mass, below))
-    most = float(np.interp(1.0 - AT_EDGES, below, by_mass))  # of all gas but the coarsest
-    needed = scene.gas.particles * max(ratio[worst] / COARSE, most / FINE) ** 2
+    values, fraction = at.by_mass()
+    coarse = 1.0 - float(np.interp(FINE, values, fraction))
+    inside = float(np.interp(1.0 - AT_EDGES, fraction, values))  # largest h/H without the coarsest gas
+    needed = scene.gas.particles * max(ratio[worst] / COARSE, inside / FINE) ** 2
     if ratio[worst] > COARSE:
         yield f"{where}, above {COARSE:g}: raise gas.particles to about {needed:.2g}"
     elif coarse > AT_EDGES:
@@ -124,17 +116,17 @@ def _coarse_warnings(scene: Scene, at: Local) -> Iterator[str]:
         )
 
 
-def _long_step_warnings(scene: Scene, at: Local) -> Iterator[str]:
+def _timestep_warnings(scene: Scene, at: base.GasSamples) -> Iterator[str]:
     """Yield a warning of a run.timestep beyond the step limit of the gas."""
     dt = scene.run.timestep
     if dt is None or at.step is None:
         return
-    most = at.step
-    worst = int(np.argmin(most))
-    if dt > most[worst]:
-        given, best = (scene.units.show(time, "time") for time in (dt, most[worst]))
+    worst = int(np.argmin(at.step))
+    limit = at.step[worst]
+    if dt > limit:
+        given, best = (scene.units.show(time, "time") for time in (dt, limit))
         yield (
-            f"run.timestep = {given} is {dt / most[worst]:.2g} times the sound limit {at.where(worst)}: "
+            f"run.timestep = {given} is {dt / limit:.2g} times the sound limit {at.where(worst)}: "
             f"lower it to {best}, or leave it out"
         )
 
@@ -145,12 +137,11 @@ def _long_step_warnings(scene: Scene, at: Local) -> Iterator[str]:
 NOISE, GATHERING, IN_SHOCKS = 0.15, 0.6, 0.2
 
 
-DENSITY = "gas.density"  # the operator that computes it
-
-
 class Effect(base.Effect):
+    """SPH forces on the gas, and the motion of gas particles."""
+
     keys = Keys
-    rules = (_fixed_smoothing, _too_few_neighbours, _heat_to_conduct, _switched_twice, _needs_of_quiet)
+    rules = (_smoothing_problems, _conductivity_problems, _switch_problems, _quiet_problems)
 
     def __init__(self, scene: Scene, state: State) -> None:
         self.scene = scene
@@ -158,11 +149,11 @@ class Effect(base.Effect):
         self.central_masses = masses_in_drift(scene, "gas")
         self.quiet = None
         if scene.gas.quiet is not None:
-            self.quiet = quiet.Box(scene) if scene.star is None else quiet.Disc(scene)
+            self.quiet = quiet.QuietPlane(scene) if scene.star is None else quiet.QuietDisc(scene)
 
     @classmethod
-    def report(cls, scene: Scene, at: Local) -> base.Report:
-        return base.Report(warnings=chain(_coarse_warnings(scene, at), _long_step_warnings(scene, at)))
+    def report(cls, scene: Scene, at: base.GasSamples) -> base.Report:
+        return base.Report(warnings=chain(_resolution_warnings(scene, at), _timestep_warnings(scene, at)))
 
     @classmethod
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
@@ -173,10 +164,10 @@ class Effect(base.Effect):
         return counts.gas * (own + each * SMOOTHING[gas.kernel].neighbours(gas.eta))
 
     @classmethod
-    def expected_limit(cls, scene: Scene, outlook: Outlook) -> Expected:
+    def expected_limit(cls, scene: Scene, outlook: base.ForecastState) -> base.Expected:
         at = outlook.at
         if at.h is None or at.sound_speed is None:
-            return Expected()
+            return base.Expected()
         closing: Any = 0.0
         where = ""
         if scene.star is not None and outlook.nearest < np.inf:
@@ -186,30 +177,25 @@ class Effect(base.Effect):
             where = f"near companion {number}" if closing > noise else ""
         if at.jump is not None:
             closing = closing + IN_SHOCKS * at.jump / resolution(scene, at.h)
-        steps = longest_step(scene, at.h, at.sound_speed, closing)
-        worst = int(np.argmin(steps))
-        return Expected(float(steps[worst]), where or at.where(worst))
+        return at.smallest(longest_step(scene, at.h, at.sound_speed, closing), where)
 
     def operators(self, state: State) -> list[base.Operator]:
-        of, found = base.Slot, base.arrays("gas", "h density gradh h_before")
+        slots, found = base.Slot, base.arrays("gas", "h density gradh h_before")
         reads, moved = base.arrays("gas", "pos mass"), base.arrays("gas", "vel kick_acc u kick_rate") | {"bodies"}
-        made = base.arrays(
-            "gas",
-            "acc_unshared pressure sound_speed density nu heating_rate pressure_acc pressure_vel " + " ".join(FOLLOWED),
-        )
+        forced = reads | found | {DENSITY, "gas.small", "bodies"}
+        written = "acc_unshared pressure sound_speed density nu heating_rate pressure_acc pressure_vel "
+        made = base.arrays("gas", written + " ".join(FOLLOWED))
         return [
-            base.Operator(DENSITY, of.FIELD, self.find_density, reads | moved, found),
-            base.Operator(
-                "gas.forces", of.FORCE, self.accelerate, reads | found | {DENSITY, "gas.small", "bodies"}, made
-            ),
-            base.Operator("gas.limit", of.LIMIT, self.limit, frozenset({"gas.forces"})),
-            base.Operator("gas.kick", of.KICK, kick_gas),
-            base.Operator("gas.drift", of.DRIFT, self.drift),
-            base.Operator("gas.sort", of.SORT, self.sort),
+            base.Operator(DENSITY, slots.FIELD, self.find_density, reads | moved, found),
+            base.Operator("gas.forces", slots.FORCE, self.accelerate, forced, made),
+            base.Operator("gas.limit", slots.LIMIT, self.limit, frozenset({"gas.forces"})),
+            base.Operator("gas.kick", slots.KICK, kick_gas),
+            base.Operator("gas.drift", slots.DRIFT, self.drift),
+            base.Operator("gas.sort", slots.SORT, self.sort),
         ]
 
     def find_density(self, view: base.View) -> tuple[np.ndarray, np.ndarray | None] | None:
-        """Compute densities, and return velocity and energy as `predicted`; None if the run has no gas left."""
+        """Compute densities, and return velocities and energies from `predicted`; None if the run has no gas left."""
         gas = view.gas
         if gas.everywhere == 0:  # all gas is accreted
             return None
@@ -224,8 +210,7 @@ class Effect(base.Effect):
         gas, predicted = view.gas, view.take(DENSITY)
         if predicted is None:
             return np.inf
-        vel, u = predicted
-        acc = gas.acc_unshared
+        (vel, u), acc = predicted, gas.acc_unshared
         gas.pressure, gas.sound_speed = self._pressure_and_sound_speed(view, u)
         if gas.nu is not None:
             pos, speed = view.from_centre(gas.pos), thermal_speed(self.scene, gas)
@@ -237,7 +222,7 @@ class Effect(base.Effect):
         if self.quiet is None:
             limit = self.sph.forces(gas, acc, vel, u, gas.pressure)
         else:
-            with self.quiet.pressure_of_pairs(view, self.sph) as pressure:
+            with self.quiet.split_pressure(view, self.sph) as pressure:
                 limit = self.sph.forces(gas, acc, vel, u, pressure)
         if gas.pressure_acc is not None:
             gas.pressure_acc[:] = acc - before
@@ -249,10 +234,8 @@ class Effect(base.Effect):
     def _pressure_and_sound_speed(self, view: base.View, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         """Return pressure (n,) and sound speed (n,) of the gas; u (n,): specific energies, or None."""
         gas, pos = view.gas, view.from_centre(view.gas.pos)
-        out, roots = (
-            (alloc.allocate_like(gas.pressure), alloc.allocate_like(gas.sound_speed)),
-            eos_of(self.scene).roots(self.scene),
-        )
+        out = alloc.allocate_like(gas.pressure), alloc.allocate_like(gas.sound_speed)
+        roots = eos_of(self.scene).roots(self.scene)
         if roots is not None and gas.small is None:  # the usual disc, which this kernel makes twice as fast
             parallel_for(eos_kernels.by_roots, gas.count, pos, gas.density, *roots, *out, light=True)
             return out
@@ -261,7 +244,7 @@ class Effect(base.Effect):
             for within in blocks(first, last):
                 energy, density = None if u is None else u[within], gas.density[within]
                 if gas.small is not None and energy is None:  # small dust has no pressure; u is per total mass
-                    density = density * growth.gas_share(self.scene, gas, within)
+                    density = density * growth.gas_fraction(self.scene, gas, within)
                 out[0][within], out[1][within] = pressure_and_sound_speed(self.scene, pos[within], density, energy)
 
         parallel_for(part, gas.count)
@@ -270,12 +253,11 @@ class Effect(base.Effect):
     def predicted(self, state: State | base.View) -> tuple[np.ndarray, np.ndarray | None]:
         """Return velocity (n, d) and specific energy (n,) at the time of the positions, for viscosity and pressure.
 
-        `vel` and `u` of the gas are those before the closing kick of the step. They are extrapolated with the mean
-        rates of the last kick, including drag and its heat, which makes the step second order. Cooling is computed as
-        in the kick. The energy is None for gas without an energy equation.
+        `vel` and `u` of the gas lack the closing kick of the step. They are extrapolated with the mean rates of the
+        last kick, including drag and its heat, which makes the step second order. Cooling is computed as in the kick.
+        The energy is None for gas without an energy equation.
         """
-        gas = state.gas
-        vel = gas.vel
+        gas, vel = state.gas, state.gas.vel
         if gas.kick_acc is not None:
             vel = alloc.allocate_like(gas.vel)
             parallel_for(moves.sum_scaled, gas.count, gas.vel, gas.kick_acc, state.lag, vel, light=True)
@@ -302,7 +284,7 @@ class Effect(base.Effect):
 
 
 def kick_gas(state: State, dt: float) -> None:
-    """Advance velocities and energies of the gas over dt at constant rates."""
+    """Advance velocities and energies of the gas over dt: velocities at the rate `acc`, energies by `kick_energy`."""
     gas = state.gas
     parallel_for(moves.add_scaled, gas.count, gas.vel, gas.acc, dt, light=True)
     if gas.kick_acc is not None:

@@ -13,10 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discsim.drag import cautions
 from discsim.effects import base, dust
 from discsim.effects.drag import OF_CELLS
-from discsim.effects.stopping import stopping_columns
+from discsim.effects.drag_base import DragEffect
 from discsim.numerics.state import State
 from discsim.numerics.threads import parallel_for
 from discsim.parts import EOS, Lazy
@@ -25,27 +24,24 @@ from discsim.physics.given_disc import GivenDisc
 from discsim.physics.laws import SceneLaw
 from discsim.physics.radiation import pull_share
 from discsim.scene.keys.background import Keys
-from discsim.scene.rules import Draft, Problem
+from discsim.scene.rules import Draft, Problem, missing_tables, quoted
 
 if TYPE_CHECKING:
-    from discsim.physics.local import Local
     from discsim.scene import Scene
 
 kernels = Lazy("discsim.kernels.dust.background")
 GRAIN_COST = 150.0  # CPU nanoseconds in a step, per particle
 
 
-def _needs_of_background(draft: Draft) -> Iterator[Problem]:
+# Reasons why a [background] needs other tables, for messages.
+NEEDS = {"dust": "is useful only with dust", "star": "orbits a star", "drag": "acts on dust only by drag"}
+
+
+def _scene_problems(draft: Draft) -> Iterator[Problem]:
     """Yield problems of a [background] with [gas], without dust, star or drag, or in an unsuitable space."""
     if draft.has("gas"):
         yield ("background",), "[gas] is also given; expected either [gas] (SPH) or [background] (prescribed disc)"
-    for table, why in (
-        ("dust", "is useful only with dust"),
-        ("star", "orbits a star"),
-        ("drag", "acts on dust only by drag"),
-    ):
-        if not draft.has(table):
-            yield ("background",), f"a [background] {why}; expected a table [{table}] too"
+    yield from missing_tables(draft, ("background",), {name: f"a [background] {why}" for name, why in NEEDS.items()})
     if draft.space and (draft.dimensions != 2 or draft.space.boundary != "open"):
         yield ("space",), '[background] is a 2D disc; expected dimensions = 2 and boundary = "open"'
     if draft.run and draft.run.integrator != "kdk":
@@ -54,24 +50,23 @@ def _needs_of_background(draft: Draft) -> Iterator[Problem]:
         yield ("drag", "direction"), 'dust cannot act on a [background]; expected direction = "one-way"'
 
 
-def _one_density(draft: Draft) -> Iterator[Problem]:
+def _density_problems(draft: Draft) -> Iterator[Problem]:
     """Yield problems of a [background] with no density or two, and of columns of its file that have no meaning."""
     given = draft.background
-    if given.file is None and given.surface_density is None:
-        yield ("background",), "no surface density is given; expected surface_density, or file"
+    if given.file is None:
+        if given.surface_density is None:
+            yield ("background",), "no surface density is given; expected surface_density, or file"
+        return
     for key in ("surface_density", "surface_density_index"):
-        if given.file is not None and draft.gives("background", key):
+        if draft.gives("background", key):
             yield ("background", key), "background.file is also given; expected only one of the two"
-    if given.file is not None and given.file.has("resolution"):
-        yield (
-            ("background", "file"),
-            "the file has a column resolution, but [background] has no particles; expected no such column",
-        )
-    takes = [name for name in EOS if EOS[name].takes_temperature and not EOS[name].holds_heat]
-    if given.file is not None and given.file.has("T") and given.eos.kind not in takes:
-        words = " or ".join(f'"{name}"' for name in takes)
+    if given.file.has("resolution"):
+        wrong = "the file has a column resolution, but [background] has no particles"
+        yield ("background", "file"), f"{wrong}; expected no such column"
+    usable = [name for name in EOS if EOS[name].takes_temperature and not EOS[name].holds_heat]
+    if given.file.has("T") and given.eos.kind not in usable:
         wrong = f'the file has a column T, but background.eos.kind "{given.eos.kind}" does not use it'
-        yield ("background", "file"), f"{wrong}; expected background.eos.kind = {words}, or no column T"
+        yield ("background", "file"), f"{wrong}; expected background.eos.kind = {quoted(usable)}, or no column T"
 
 
 class Background(base.Effect):
@@ -79,7 +74,7 @@ class Background(base.Effect):
 
     keys = Keys
     role = base.Role(table_only=True)
-    rules = (_needs_of_background, _one_density)
+    rules = (_scene_problems, _density_problems)
 
 
 class Dust(dust.Effect):
@@ -89,7 +84,7 @@ class Dust(dust.Effect):
         parallel_for(kernels.drift_dust, state.dust.count, state.dust.pos, state.dust.vel, dt)
 
 
-class Drag(base.KickEffect):
+class Drag(DragEffect):
     """One-way drag of the dust by the given disc."""
 
     def __init__(self, scene: Scene, state: State) -> None:
@@ -109,10 +104,6 @@ class Drag(base.KickEffect):
     def unused(cls, scene: Scene) -> tuple[str, ...]:
         return OF_CELLS
 
-    @classmethod
-    def report(cls, scene: Scene, at: Local) -> base.Report:
-        return base.Report(warnings=cautions.warnings(scene, at))
-
     def operators(self, state: State) -> list[base.Operator]:
         return [base.Operator("drag.kick", base.Slot.KICK, self.kick)]
 
@@ -120,11 +111,8 @@ class Drag(base.KickEffect):
         self.stopping_times = self._relax(state, state.dust.vel, dt)
 
     def current_stopping_times(self, state: State) -> np.ndarray:
-        """Return the stopping times of the dust at its present positions (n,). Velocities do not change."""
+        """Return the stopping times (n,) of the dust at its present positions. Velocities do not change."""
         return self._relax(state, state.dust.vel.copy(), 0.0)
-
-    def columns(self, state: State) -> dict[str, dict[str, np.ndarray]]:
-        return stopping_columns(state, self.current_stopping_times(state))
 
     def steady_drift(self, pos: np.ndarray, species: np.ndarray, size: np.ndarray | None = None) -> np.ndarray:
         """Return the velocities (n, 2) of the steady drift: radial, and azimuthal relative to the Keplerian velocity.
@@ -140,7 +128,7 @@ class Drag(base.KickEffect):
     def kernel_disc(self, central_mass: float) -> Any:
         """Return the parameters of drag law, radiation pressure, star and gas for the kernels.
 
-        Those of drag law and radiation pressure have a row for each population.
+        The parameters of drag law and radiation pressure have a row for each population.
         """
         law = self.law.code, self.law.grains, self.law.nonlinear, self.ratios, self.pull
         return kernels.Disc(*law, central_mass, self.star.softening, *self.gas)
@@ -148,7 +136,7 @@ class Drag(base.KickEffect):
     def _rows_and_disc(
         self, central_mass: float, species: np.ndarray, size: np.ndarray | None
     ) -> tuple[np.ndarray, Any]:
-        """Return (row, disc) for the kernels.
+        """Return (row, disc) for the kernels, from the populations `species` (n,) and sizes `size` (n,) of grains.
 
         row (n,): index of each grain's parameters in `disc`. disc: result of `kernel_disc` with a row for each
         population or, if grain sizes are given, for each grain.

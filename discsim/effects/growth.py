@@ -23,6 +23,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field, ValidationInfo
 
 from discsim.effects import base
+from discsim.effects.dust import laws_of_grains, schemes_with_sizes
 from discsim.formulas.smoothing import SMOOTHING
 from discsim.numerics import world
 from discsim.numerics.state import Pace, State
@@ -32,11 +33,10 @@ from discsim.physics import growth
 from discsim.physics.laws import SceneLaw
 from discsim.scene.fields import Default, Length, Number, Table, Velocity, units_of
 from discsim.scene.keys.dust import Sizes
-from discsim.scene.rules import Draft, Problem
+from discsim.scene.rules import Draft, Problem, missing_tables
 
 if TYPE_CHECKING:
     from discsim.numerics.meeting import Meeting
-    from discsim.physics.local import Local
     from discsim.scene import Scene
 
 kernels = Lazy("discsim.kernels.dust.growth")
@@ -48,11 +48,8 @@ smoothing = Lazy("discsim.numerics.sph")
 
 GROWTH_STEP = 0.03  # relative change of the fastest-growing size between two applications
 STEPS_BETWEEN_CALLS = 6  # typical number of steps between two applications
-GRAIN_COST, PAIR_COST = (
-    1000.0,
-    6.0,
-)  # CPU nanoseconds in an application: per grain, and per gas neighbour of a grain and pass
-PASSES = 4  # number of passes over the gas neighbours
+# CPU nanoseconds in an application: per grain, and per gas neighbour of a grain and pass; number of passes.
+GRAIN_COST, PAIR_COST, PASSES = 1000.0, 6.0, 4
 
 
 def _default(length: str) -> BeforeValidator:
@@ -84,89 +81,75 @@ class Keys(Table):
     )
 
 
-def _needs_of_growth(draft: Draft) -> Iterator[Problem]:
-    """Yield problems of a scene without the tables that growth needs."""
-    here = ("growth",)
+# Reasons why growth needs other tables, for messages.
+NEEDS = {
+    "gas": "growth needs gas to carry small dust",
+    "dust": "growth needs dust particles",
+    "drag": "collision velocities need drag",
+    "star": "collision velocities need an orbital frequency",
+}
+
+
+def _scene_problems(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of a scene without the tables that growth needs, or with particles that include small dust."""
+    where = ("growth",)
+    needs = dict(NEEDS)
     if draft.has("background"):
-        yield here, "growth needs gas particles to carry small dust, but [background] has none; expected [gas] instead"
-    for table, why in (
-        ("gas", "growth needs gas to carry small dust"),
-        ("dust", "growth needs dust particles"),
-        ("drag", "collision velocities need drag"),
-        ("star", "collision velocities need an orbital frequency"),
-    ):
-        if not draft.has(table) and not (table == "gas" and draft.has("background")):
-            yield here, f"{why}; expected a table [{table}] too"
+        del needs["gas"]
+        yield where, "growth needs gas particles to carry small dust, but [background] has none; expected [gas] instead"
+    yield from missing_tables(draft, where, needs)
     if draft.growth.alpha is None and not draft.has("alpha_viscosity"):
-        yield here, "no strength of the turbulence is given; expected growth.alpha, or a table [alpha_viscosity]"
+        yield where, "no strength of the turbulence is given; expected growth.alpha, or a table [alpha_viscosity]"
+    if draft.growth.small_ratio is not None and (draft.start is None or draft.start.take_up):
+        wrong = "not used with given particles, which include their small dust"
+        yield (*where, "small_ratio"), f"{wrong}; remove this key"
 
 
-def _sizes(draft: Draft) -> Iterator[Problem]:
+def _size_problems(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of the sizes of small dust."""
     own = draft.growth
     if own.small_size is None:
-        yield (
-            ("growth", "small_size"),
-            "missing; the default 1 um is not available in code units; expected a size in code units",
-        )
+        wrong = "missing; the default 1 um is not available in code units"
+        yield ("growth", "small_size"), f"{wrong}; expected a size in code units"
     elif own.smallest is not None and own.small_size <= own.smallest:
         yield ("growth", "smallest"), "smallest is not smaller than small_size; expected smallest < small_size"
 
 
-def _one_population(draft: Draft) -> Iterator[Problem]:
+def _dust_problems(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of the dust, which must be one population with one initial size."""
     if draft.dust is None:
         return
     if len(draft.dust) > 1:
         yield ("growth",), f"{len(draft.dust)} populations of dust, but growth allows one; expected one [[dust]] table"
         return
-    ((dust,), own) = draft.dust, draft.growth
+    ((dust,), own), where = (draft.dust, draft.growth), ("dust", 0, "grain_size")
     if isinstance(dust.grain_size, Sizes):
-        yield (
-            ("dust", 0, "grain_size"),
-            "a size distribution is not allowed with growth; expected one length, the initial size",
-        )
+        yield where, "a size distribution is not allowed with growth; expected one length, the initial size"
     elif None not in (dust.grain_size, own.small_size) and dust.grain_size < own.small_size:
-        yield (
-            ("dust", 0, "grain_size"),
-            f"smaller than growth.small_size = {own.small_size:g}; expected at least that size",
-        )
+        yield where, f"smaller than growth.small_size = {own.small_size:g}; expected at least that size"
     if own.small_ratio is not None and own.small_ratio > dust.ratio:
-        yield (
-            ("growth", "small_ratio"),
-            f"larger than dust.ratio = {dust.ratio:g}, which includes small dust; expected at most dust.ratio",
-        )
+        wrong = f"larger than dust.ratio = {dust.ratio:g}, which includes small dust"
+        yield ("growth", "small_ratio"), f"{wrong}; expected at most dust.ratio"
 
 
-def _of_grains(draft: Draft) -> Iterator[Problem]:
+def _drag_problems(draft: Draft) -> Iterator[Problem]:
     """Yield problems of a drag law or scheme that does not depend on the size of each grain."""
     if draft.drag is None:
         return
-    if not LAWS[draft.drag.law].of_grains:
-        words = " or ".join(f'"{name}"' for name, law in LAWS.items() if law.of_grains)
-        yield (
-            ("growth",),
-            f'growth needs a drag law that depends on grain size, and "{draft.drag.law}" does not; expected {words}',
-        )
-    if not SCHEMES[draft.drag.scheme].sizes and not draft.has("background"):
-        words = " or ".join(f'"{name}"' for name, scheme in SCHEMES.items() if scheme.sizes)
-        yield (
-            ("growth",),
-            f'growth needs a scheme with a size per particle, and "{draft.drag.scheme}" has one per population; '
-            f"expected {words}",
-        )
-
-
-def _given_small_dust(draft: Draft) -> Iterator[Problem]:
-    """Yield a problem of growth.small_ratio if given particles already include their small dust."""
-    if draft.growth.small_ratio is not None and (draft.start is None or draft.start.take_up):
-        yield (
-            ("growth", "small_ratio"),
-            "not used with given particles, which include their small dust; remove this key",
-        )
+    law, scheme = draft.drag.law, draft.drag.scheme
+    if not LAWS[law].of_grains:
+        wrong = f'growth needs a drag law that depends on grain size, and "{law}" does not'
+        yield ("growth",), f"{wrong}; expected {laws_of_grains()}"
+    if not SCHEMES[scheme].sizes and not draft.has("background"):
+        wrong = f'growth needs a scheme with a size per particle, and "{scheme}" has one per population'
+        yield ("growth",), f"{wrong}; expected {schemes_with_sizes()}"
 
 
 class Effect(base.Effect):
+    """Growth of dust particles, and exchange of mass with small dust. grains: parameters for the kernels."""
+
     keys = Keys
-    rules = (_needs_of_growth, _sizes, _one_population, _of_grains, _given_small_dust)
+    rules = (_scene_problems, _size_problems, _dust_problems, _drag_problems)
     from_start = ("grains",)
 
     def __init__(self, scene: Scene, state: State) -> None:
@@ -183,35 +166,13 @@ class Effect(base.Effect):
         state.pace = Pace()
 
     @classmethod
-    def report(cls, scene: Scene, at: Local) -> base.Report:
-        return base.Report(cls._rows(scene, at), cls._warnings(scene, at))
-
-    @classmethod
-    def _rows(cls, scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
-        found = growth.limits(scene, at)
-        if found is None:
-            return
-        for name, sizes in (("fragmentation limit", found.fragmentation), ("drift limit", found.drift)):
-            texts = [scene.units.show(float(size), "length") if size < math.inf else "none" for size in sizes]
-            yield f"grain size at {name}", ", ".join(texts)
-        yield "Stokes number at the smaller limit", ", ".join(f"{stokes:.3g}" for stokes in found.stokes)
-        times = [scene.units.show(float(time), "time") for time in found.time]
-        yield "growth time of settled grains", ", ".join(times)
-
-    @classmethod
-    def _warnings(cls, scene: Scene, at: Local) -> Iterator[str]:
-        found, (dust,) = growth.limits(scene, at), scene.dust or ()
-        if found is not None and dust.grain_size > found.fragmentation.max() > 0.0:
-            size = scene.units.show(float(found.fragmentation.max()), "length")
-            yield (
-                f"grains fragment above {size}, which is below dust.grain_size: lower dust.grain_size, or raise "
-                "growth.fragmentation_speed"
-            )
+    def report(cls, scene: Scene, at: base.GasSamples) -> base.Report:
+        return base.Report(_rows(scene, at), _warnings(scene, at))
 
     @classmethod
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
-        about = SMOOTHING[scene.gas.kernel].neighbours(scene.gas.eta) if scene.gas else 0.0
-        return counts.dust * (GRAIN_COST + PASSES * PAIR_COST * about) / STEPS_BETWEEN_CALLS
+        neighbours = SMOOTHING[scene.gas.kernel].neighbours(scene.gas.eta) if scene.gas else 0.0
+        return counts.dust * (GRAIN_COST + PASSES * PAIR_COST * neighbours) / STEPS_BETWEEN_CALLS
 
     def operators(self, state: State) -> list[base.Operator]:
         return [
@@ -220,15 +181,17 @@ class Effect(base.Effect):
         ]
 
     def move(self, state: State, dt: float) -> None:
+        """Advance the clock of the applications by dt."""
         state.pace = Pace(state.pace.since + dt, state.pace.rate)
 
     def event(self, state: State) -> None:
+        """Apply growth if sizes may have changed enough since the last application."""
         since, rate = state.pace
         if since * rate >= GROWTH_STEP and state.gas.everywhere > 0 and state.dust.everywhere > 0:
             state.pace = Pace(rate=self._grow(state, since))
 
     def _grow(self, state: State, dt: float) -> float:
-        """Apply growth over dt, and return the rate that determines the time of the next application.
+        """Apply growth over dt to sizes, masses and velocities; return the rate that sets the next application's time.
 
         The rate is the largest relative growth rate of a grain, at least GROWTH_STEP per orbit of the innermost grain.
         """
@@ -236,15 +199,15 @@ class Effect(base.Effect):
         centre = np.zeros(2) if state.centre is None else state.centre[0]
         met = meeting.Surroundings(self.sph, state.gas).meet(dust.pos, dust.global_index)
         field = self._surroundings(state, met, centre)
-        about = field[met.grains.own]
+        local = field[met.grains.own]
         wanted = np.empty(dust.count)
         r = np.sqrt(((dust.pos - centre) ** 2).sum(axis=1))
         # The kernel skips grains at the centre of the star.
         omega = state.kepler_omega(r)
-        alpha = growth.alpha(self.scene, r, about[:, kernels.SPEED2], omega)
-        dust.size = dust.size.copy()  # a new array tells `Classes.sort` that sizes have changed
+        alpha = growth.alpha(self.scene, r, local[:, kernels.SPEED2], omega)
+        dust.size = dust.size.copy()  # a new array shows `Classes.sort` that sizes have changed
         rates = parallel_for(
-            kernels.grow, dust.count, dt, *state.central, dust.pos, centre, about, alpha,
+            kernels.grow, dust.count, dt, *state.central, dust.pos, centre, local, alpha,
             self.grains, dust.mass, dust.size, wanted,
         )  # fmt: skip
         self._exchange_mass(state, met, field, wanted)
@@ -253,7 +216,10 @@ class Effect(base.Effect):
         return float(world.processes.most(fastest))
 
     def _surroundings(self, state: State, met: Meeting, centre: np.ndarray) -> np.ndarray:
-        """Return properties (n, COLUMNS) of the gas and dust around each dust particle, local particles and ghosts."""
+        """Return properties (n, COLUMNS) of the gas and dust around each dust particle, including ghost particles.
+
+        met: gas and dust neighbours. centre (2,): position of the centre of the disc.
+        """
         gas, dust = state.gas, state.dust
         deposit, field = np.empty(len(met.pos)), np.empty((len(met.grain_pos), kernels.COLUMNS))
         parallel_for(
@@ -270,7 +236,7 @@ class Effect(base.Effect):
         return field
 
     def _carriers(self, state: State, met: Meeting) -> Any:
-        """Return the arrays of the gas that carries small dust, of local particles and ghosts."""
+        """Return arrays of the gas particles, which carry the small dust, including ghost particles."""
         gas = state.gas
         mass = gas.mass - gas.small if self.mass_includes_small else gas.mass
         return sums.Carriers(met.pos, *(met.gas.of(array) for array in (gas.vel, gas.h, mass, gas.small)))
@@ -278,7 +244,9 @@ class Effect(base.Effect):
     def _exchange_mass(self, state: State, met: Meeting, field: np.ndarray, wanted: np.ndarray) -> None:
         """Exchange mass between dust particles and the small dust of the gas around them.
 
-        wanted (n,): mass that each dust particle should gain, limited by the small dust of the gas around it.
+        met: gas and dust neighbours. field: result of `_surroundings`. wanted (n,): mass that each dust particle should
+        gain; it gains less if the gas around it has too little small dust. Changes masses and velocities of the dust
+        and, with two-way drag, of the gas.
         """
         gas, dust, own = state.gas, state.dust, met.gas.own
         taken, spread = np.empty((2, len(met.pos)))
@@ -308,3 +276,27 @@ class Effect(base.Effect):
             if per_mass is not None:
                 per_mass *= gas.mass / after
         gas.mass[:] = after
+
+
+def _rows(scene: Scene, at: base.GasSamples) -> Iterator[tuple[str, str]]:
+    """Yield (name, text) of the growth limits and times."""
+    found = growth.limits(scene, at)
+    if found is None:
+        return
+    for name, sizes in (("fragmentation limit", found.fragmentation), ("drift limit", found.drift)):
+        texts = [scene.units.show(float(size), "length") if size < math.inf else "none" for size in sizes]
+        yield f"grain size at {name}", ", ".join(texts)
+    yield "Stokes number at the smaller limit", ", ".join(f"{stokes:.3g}" for stokes in found.stokes)
+    times = [scene.units.show(float(time), "time") for time in found.time]
+    yield "growth time of settled grains", ", ".join(times)
+
+
+def _warnings(scene: Scene, at: base.GasSamples) -> Iterator[str]:
+    """Yield a warning of initial sizes above the fragmentation limit."""
+    found, (dust,) = growth.limits(scene, at), scene.dust or ()
+    if found is not None and dust.grain_size > found.fragmentation.max() > 0.0:
+        size = scene.units.show(float(found.fragmentation.max()), "length")
+        yield (
+            f"grains fragment above {size}, which is below dust.grain_size: lower dust.grain_size, or raise "
+            "growth.fragmentation_speed"
+        )

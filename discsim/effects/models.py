@@ -39,7 +39,7 @@ GIVEN_DISC = GasModel(
 
 FIXED_CELLS = GasModel(
     is_of=lambda scene: scene.drag is not None and SCHEMES[scene.drag.scheme].on_grid,
-    stand_ins={name: f"discsim.effects.cells_{name}:Effect" for name in ("gas", "dust", "drag")},
+    stand_ins={name: f"discsim.effects.cells:{name.capitalize()}" for name in ("gas", "dust", "drag")},
     cells=True,
 )
 

@@ -2,7 +2,7 @@
 
     d ln rho / dt = -div v + (ln rho_sum - ln rho) (1 / tau + 10 s c_s / h),   P = c_s^2 rho                (1)
     B    = c_s^2 Sigma(r) min(share, 1 - guard sigma) n^2 / (n^2 + 30^2)                                    (2)
-    forces of pairs use P - B, and each particle gets a = -grad B / rho as a radial push                    (3)
+    forces of pairs use P - B, and each particle has the acceleration -grad B / rho in addition             (3)
 
 rho_sum is the usual SPH density sum; share, guard and time are keys of gas.quiet; the other symbols are explained
 below.
@@ -35,9 +35,9 @@ with the mean surface density and the scatter of all gas. A lattice of SPH parti
 the term 2 P sum V grad W, and eq. (5) reduces this stiffness by the fraction `share`. Sound waves with kh = 0.56 are
 2.6% slow with eq. (5), and 3.7% fast without it.
 
-Forces of pairs conserve momentum and angular momentum, and the push of eq. (3) has no torque about the centre. If the
-star or companions can move, the small net force of the push is subtracted from all gas, like a force on a rigid body,
-so that momentum is conserved too.
+Forces of pairs conserve momentum and angular momentum, and the acceleration -grad B / rho is radial and has no torque
+about the centre. If the star or companions can move, the small net force of this acceleration is subtracted from all
+gas, like a force on a rigid body, so that momentum is conserved too.
 """
 
 from __future__ import annotations
@@ -66,46 +66,51 @@ Array = np.ndarray
 WIDTH = 0.4  # width of a ring in H
 SPARSE = 30.0  # number of particles in a ring at which B is half of its largest value, eq. (2)
 UNEVEN = 4.0  # factor of the scatter in eq. (4): rho' = rho if the scatter is at least 1 / UNEVEN
-MOST_RINGS = 1 << 14
-TINY, FARTHEST = 1e-300, 200.0  # FARTHEST: largest |ln(r / reference)|, so that areas of rings are finite
+MAX_RINGS = 1 << 14
+TINY, MAX_LOG_RADIUS = 1e-300, 200.0  # MAX_LOG_RADIUS: largest |ln(r / reference)|, so that areas of rings are finite
 BITS = 61  # bits of integer sums, which do not depend on the order of particles
 
 
 class Rings(NamedTuple):
-    """Properties of rings, arrays (count,).
+    """Properties of rings of gas, arrays (count,).
 
-    radius: radius. density: surface density, from the mass of the ring. number: number of particles. uneven: scatter
-    of ln(r P / c_s^2). lacking: ln(radius density) minus the mean of ln(r P / c_s^2).
+    radius: mean radius. density: surface density Sigma, from the mass of the ring. number: number of particles.
+    scatter: standard deviation sigma of ln(r P / c_s^2). excess: ln(radius density) minus the mean of ln(r P / c_s^2);
+    0 in rings with few particles.
     """
 
     radius: Array
     density: Array
     number: Array
-    uneven: Array
-    lacking: Array
+    scatter: Array
+    excess: Array
 
 
-class Box:
-    """Quiet gas in a periodic plane, eq. (5)."""
+class QuietPlane:
+    """Reduction of the pressure of quiet gas in a periodic plane, eq. (5)."""
 
     def __init__(self, scene: Scene) -> None:
         self.keys, self.area = scene.gas.quiet, float(np.prod(scene.space.size))
 
     @contextmanager
-    def pressure_of_pairs(self, state: View, sph: Sph) -> Iterator[Array]:
+    def split_pressure(self, state: View, sph: Sph) -> Iterator[Array]:
         """Return a context manager that yields the pressure (n,) for the SPH forces of pairs, eq. (5)."""
         gas = state.gas
         assert gas is not None
         logs = np.log(gas.density)
-        whole, first, second = totals(np.column_stack([gas.mass, logs, logs * logs])) / np.array([self.area, 1.0, 1.0])
+        mean, first, second = totals(np.column_stack([gas.mass, logs, logs * logs])) / np.array([self.area, 1.0, 1.0])
         number = gas.everywhere
-        uneven = np.sqrt(max(second / number - (first / number) ** 2, 0.0))
-        taken = min(max(1.0 - self.keys.guard * uneven, 0.0), self.keys.share)
-        yield gas.pressure - taken * whole * gas.sound_speed**2
+        scatter = np.sqrt(max(second / number - (first / number) ** 2, 0.0))
+        fraction = min(max(1.0 - self.keys.guard * scatter, 0.0), self.keys.share)
+        yield gas.pressure - fraction * mean * gas.sound_speed**2
 
 
-class Disc:
-    """Quiet gas in a disc, eqs. (1 - 4)."""
+class QuietDisc:
+    """Densities and mean pressures of rings for quiet gas in a disc, eqs. (1) to (4).
+
+    reference: radius with the ring coordinate 0. width: width of rings there over this radius. flaring: exponent in
+    H / r ~ r^flaring.
+    """
 
     def __init__(self, scene: Scene) -> None:
         self.scene, self.keys = scene, scene.gas.quiet
@@ -118,22 +123,22 @@ class Disc:
         self.width = WIDTH * float((speed / kepler_omega(scene, at) / at)[0])
 
     @contextmanager
-    def pressure_of_pairs(self, state: View, sph: Sph) -> Iterator[Array]:
+    def split_pressure(self, state: View, sph: Sph) -> Iterator[Array]:
         """Return a context manager that yields the pressure P - B (n,) for the SPH forces of pairs, eq. (3).
 
-        At its end it adds the push of eq. (3) to `acc_unshared`, and sets density and pressure of the gas by eqs. (1)
-        and (4). sph: SPH sums with the velocity gradients of the gas.
+        At its end the context manager adds -grad B / rho to `gas.acc_unshared`, and sets density and pressure of the
+        gas by eqs. (1) and (4). sph: SPH sums with the velocity gradients of the gas.
         """
         gas = _gas(state)
         self._advance_density(state, sph)
-        pressure, push, mass_over_mean = self.split(state)
+        pressure, acceleration, correction = self.pair_pressure(state)
         yield pressure
-        parallel_for(moves.add_scaled, gas.count, gas.acc_unshared, push, 1.0, light=True)
-        gas.density[:] = gas.followed * mass_over_mean
-        gas.pressure *= mass_over_mean
+        parallel_for(moves.add_scaled, gas.count, gas.acc_unshared, acceleration, 1.0, light=True)
+        gas.density[:] = gas.followed * correction
+        gas.pressure *= correction
 
     def _advance_density(self, state: View, sph: Sph) -> None:
-        """Advance `gas.followed`, the density of eq. (1), to the time of the state."""
+        """Advance `gas.followed`, the density of eq. (1), to the time of the state, and scale `gas.pressure` to it."""
         gas = _gas(state)
         away = np.sqrt((state.from_centre(gas.pos) ** 2).sum(axis=1))
         parallel_for(
@@ -142,81 +147,84 @@ class Disc:
             gas.followed, gas.divergence, gas.shocked, gas.followed_at,
         )  # fmt: skip
 
-    def split(self, state: View) -> tuple[Array, Array, Array]:
-        """Return P - B (n,), the push (n, 2) of eq. (3), and rho' / rho (n,) of eq. (4)."""
+    def pair_pressure(self, state: View) -> tuple[Array, Array, Array]:
+        """Return P - B (n,), the acceleration -grad B / rho (n, 2) of eq. (3), and rho' / rho (n,) of eq. (4)."""
         gas, pos = _gas(state), state.from_centre(state.gas.pos)
         r = np.maximum(np.sqrt((pos**2).sum(axis=1)), TINY)
         pressure, acc = copied(gas.pressure), np.zeros_like(pos)
-        place = self._ring_coordinates(r)
-        low, count = _ring_range(place)
-        at = np.clip(place - low, 2.0, count - 3.0)
-        rings = self._rings(state, at, r, low, count)
+        coordinate = self._ring_coordinates(r)
+        first, count = _ring_range(coordinate)
+        at = np.clip(coordinate - first, 2.0, count - 3.0)
+        rings = self._rings(state, at, r, first, count)
         stretch = (r / self.reference) ** -self.flaring / (self.width * r * r)  # d(at)/dr over r
         parallel_for(
-            kernels.push, gas.count, pos, at, stretch, gas.followed, self._spline_of_pressure(rings), pressure, acc,
+            kernels.push, gas.count, pos, at, stretch, gas.followed, self._pressure_spline(rings), pressure, acc,
         )  # fmt: skip
         if state.bodies is not None:
             acc -= _rigid_acceleration(gas.mass, pos, acc)
-        even = np.clip(1.0 - UNEVEN * rings.uneven, 0.0, 1.0)
-        return pressure, acc, np.exp(np.interp(at, np.arange(count), even * rings.lacking))
+        weight = np.clip(1.0 - UNEVEN * rings.scatter, 0.0, 1.0)
+        return pressure, acc, np.exp(np.interp(at, np.arange(count), weight * rings.excess))
 
     def _ring_coordinates(self, r: Array) -> Array:
-        """Return ring coordinates (n,) of radii (n,). They are 0 at the reference radius, and rings are 1 wide."""
+        """Return the coordinates (n,) of radii `r` (n,) in units of the ring width; 0 at the reference radius."""
         log = np.log(r / self.reference)
         return (log if self.flaring == 0.0 else -np.expm1(-self.flaring * log) / self.flaring) / self.width
 
-    def _radii_of_rings(self, place: Array) -> Array:
-        """Return the radii (n,) of ring coordinates (n,)."""
-        log = self.width * place
+    def _ring_radii(self, coordinate: Array) -> Array:
+        """Return the radii (n,) of ring coordinates (n,), the inverse of `_ring_coordinates`."""
+        log = self.width * coordinate
         if self.flaring != 0.0:
             log = -np.log(np.maximum(1.0 - self.flaring * log, TINY)) / self.flaring
-        return self.reference * np.exp(np.clip(log, -FARTHEST, FARTHEST))
+        return self.reference * np.exp(np.clip(log, -MAX_LOG_RADIUS, MAX_LOG_RADIUS))
 
-    def _rings(self, state: View, at: Array, r: Array, low: float, count: int) -> Rings:
-        """Return the properties of `count` rings, of which the first has the ring coordinate `low`.
+    def _rings(self, state: View, at: Array, r: Array, first: float, count: int) -> Rings:
+        """Return the properties of `count` rings, the first of which has the ring coordinate `first`.
 
-        at (n,): ring coordinates of the particles, relative to `low`. r (n,): their radii.
+        at (n,): ring coordinates of the particles, relative to `first`. r (n,): radii of the particles.
         """
         gas = _gas(state)
-        pressing = gas.pressure / gas.sound_speed**2
-        mass = gas.mass * pressing / gas.followed
-        log = float(np.abs(np.log(pressing * r)).max(initial=0.0))
+        density = gas.pressure / gas.sound_speed**2  # P / c_s^2
+        mass = gas.mass * density / gas.followed
+        log = float(np.abs(np.log(density * r)).max(initial=0.0))
         most = world.processes.most(np.array([mass.max(initial=0.0), 1.0, log, log * log]))
         units = 2.0 ** (BITS - np.ceil(np.log2(gas.everywhere + 1.0)) - np.frexp(most)[1])
-        found = parallel_for(kernels.ring_sums, gas.count, count, at, mass, pressing, r, units, light=True)
+        found = parallel_for(kernels.ring_sums, gas.count, count, at, mass, density, r, units, light=True)
         sums = world.processes.sum(sum(found)) / units[:, None]
         for _ in range(2):
             sums[:, 1:-1] = 0.25 * (sums[:, :-2] + 2.0 * sums[:, 1:-1] + sums[:, 2:])
-        some, radius = np.maximum(sums[NUMBER], TINY), self._radii_of_rings(low + np.arange(count))
+        number, radius = np.maximum(sums[NUMBER], TINY), self._ring_radii(first + np.arange(count))
         area = 2.0 * np.pi * self.width * radius**2 * (radius / self.reference) ** self.flaring
-        mean, density = sums[FIRST] / some, sums[MASS] / area
-        uneven = np.sqrt(np.maximum(sums[SECOND] / some - mean**2, 0.0))
-        lacking = np.log(np.maximum(radius * density, TINY)) - mean
-        return Rings(radius, density, sums[NUMBER], uneven, np.where(sums[NUMBER] > SPARSE, lacking, 0.0))
+        mean, sigma = sums[FIRST] / number, sums[MASS] / area
+        scatter = np.sqrt(np.maximum(sums[SECOND] / number - mean**2, 0.0))
+        excess = np.log(np.maximum(radius * sigma, TINY)) - mean
+        return Rings(radius, sigma, sums[NUMBER], scatter, np.where(sums[NUMBER] > SPARSE, excess, 0.0))
 
-    def _spline_of_pressure(self, rings: Rings) -> Array:
+    def _pressure_spline(self, rings: Rings) -> Array:
         """Return the coefficients (4, count - 1) of the cubic spline of B, eq. (2), highest power first."""
         from scipy.interpolate import CubicSpline
 
         number2 = rings.number**2
-        taken = np.clip(1.0 - self.keys.guard * rings.uneven, 0.0, self.keys.share) * number2 / (number2 + SPARSE**2)
+        bound = np.clip(1.0 - self.keys.guard * rings.scatter, 0.0, self.keys.share)
+        fraction = bound * number2 / (number2 + SPARSE**2)
         speed = eos_of(self.scene).thermal_speed(self.scene, rings.radius)
-        return CubicSpline(np.arange(len(number2)), taken * rings.density * speed**2).c
+        return CubicSpline(np.arange(len(number2)), fraction * rings.density * speed**2).c
 
 
 def _gas(state: View) -> Any:
+    """Return the gas of a state, which has the arrays of quiet gas."""
     assert state.gas is not None and state.gas.followed is not None
     return state.gas
 
 
-def _ring_range(place: Array) -> tuple[float, int]:
+def _ring_range(coordinate: Array) -> tuple[float, int]:
     """Return the ring coordinate of the first ring and the number of rings, for the gas of all processes.
 
-    place (n,): ring coordinates of local particles. The range of rings has a margin at both ends.
+    coordinate (n,): ring coordinates of local particles. The range of rings has a margin at both ends.
     """
-    least, most = world.processes.least(place.min(initial=np.inf)), world.processes.most(place.max(initial=-np.inf))
-    low = np.floor(max(least, most - MOST_RINGS)) - 3.0
-    return float(low), int(most - low) + 5
+    least = world.processes.least(coordinate.min(initial=np.inf))
+    most = world.processes.most(coordinate.max(initial=-np.inf))
+    first = np.floor(max(least, most - MAX_RINGS)) - 3.0
+    return float(first), int(most - first) + 5
 
 
 def _rigid_acceleration(mass: Array, pos: Array, acc: Array) -> Array:
@@ -226,5 +234,5 @@ def _rigid_acceleration(mass: Array, pos: Array, acc: Array) -> Array:
     whole, mx, my, fx, fy, inertia = totals(mass[:, None] * columns).tolist()
     x0, y0 = mx / whole, my / whole
     inertia -= whole * (x0 * x0 + y0 * y0)
-    turn = (y0 * fx - x0 * fy) / inertia if inertia > 0.0 else 0.0
-    return np.column_stack([fx / whole - turn * (y - y0), fy / whole + turn * (x - x0)])
+    angular = (y0 * fx - x0 * fy) / inertia if inertia > 0.0 else 0.0
+    return np.column_stack([fx / whole - angular * (y - y0), fy / whole + angular * (x - x0)])

@@ -9,25 +9,21 @@ sqrt((r^2 + s^2)^(3/2) / (beta G M)) of the innermost grain; in a given disc it 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from discsim.effects import base
-from discsim.effects.star import SOFTER, nearest_row
+from discsim.effects.star import expected_orbit_limit, orbit_limit
 from discsim.numerics.state import State
 from discsim.numerics.threads import parallel_for
-from discsim.numerics.totals import total
-from discsim.parts import SCHEMES, Lazy
-from discsim.physics.local import Expected
+from discsim.parts import Lazy
 from discsim.physics.orbits import IN_KICKS, in_drift
 from discsim.physics.radiation import pull_share
 from discsim.scene.keys.radiation_pressure import Keys
-from discsim.scene.rules import Draft, Problem
+from discsim.scene.rules import Draft, Problem, missing_tables
 
 if TYPE_CHECKING:
-    from discsim.physics.local import Local, Outlook
     from discsim.scene import Scene
 
 kernels = Lazy("discsim.kernels.dust.radiation")
@@ -35,50 +31,37 @@ stars = Lazy("discsim.kernels.gravity.point_masses")
 GRAIN_COST = 6.0  # CPU nanoseconds in a step, per grain
 
 
-def _needs_dust_and_star(draft: Draft) -> Iterator[Problem]:
-    for table, what in (("dust", "acts on dust"), ("star", "needs a star")):
-        if not draft.has(table):
-            yield ("radiation_pressure",), f"radiation pressure {what}; expected a table [{table}] too"
+def _scene_problems(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of a scene without a star, or without dust particles."""
+    reasons = {"dust": "radiation pressure acts on dust", "star": "radiation pressure needs a star"}
+    yield from missing_tables(draft, ("radiation_pressure",), reasons)
+    yield from base.scheme_without_particles(draft, "radiation_pressure", "radiation pressure")
 
 
-def _one_beta_per_population(draft: Draft) -> Iterator[Problem]:
-    given, there = len(draft.radiation_pressure.beta), len(draft.dust or ())
-    if draft.dust and given not in (1, there):
-        yield (
-            ("radiation_pressure", "beta"),
-            f"{given} numbers for {there} populations of dust; expected {there}, or one",
-        )
-
-
-def _needs_dust_particles(draft: Draft) -> Iterator[Problem]:
-    if draft.drag and SCHEMES[draft.drag.scheme].on_grid:
-        yield (
-            ("radiation_pressure",),
-            f'drag.scheme "{draft.drag.scheme}" has no radiation pressure; expected another drag.scheme',
-        )
-
-
-def _unbound_grains(draft: Draft) -> Iterator[Problem]:
-    """Yield a problem of beta >= 1 for grains that start on circular orbits."""
-    most = max(draft.radiation_pressure.beta)
-    if most < 1.0 or not draft.start or draft.start.radial is None:
+def _beta_problems(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of a wrong number of betas, and of grains with beta >= 1 that start on circular orbits."""
+    beta, populations = draft.radiation_pressure.beta, len(draft.dust or ())
+    if draft.dust and len(beta) not in (1, populations):
+        wrong = f"{len(beta)} numbers for {populations} populations of dust"
+        yield ("radiation_pressure", "beta"), f"{wrong}; expected {populations}, or one"
+    if max(beta) < 1.0 or not draft.start or draft.start.radial is None:
         return
     if not draft.has("drag") or getattr(draft.initial, "dust_velocity", None) == "balance":
-        yield (
-            ("radiation_pressure", "beta"),
-            f"beta = {most:g} is at least 1, so grains have no circular orbit; expected less than 1, or "
-            '[drag] with initial.dust_velocity = "drift"',
-        )
+        wrong = f"beta = {max(beta):g} is at least 1, so grains have no circular orbit"
+        words = 'expected less than 1, or [drag] with initial.dust_velocity = "drift"'
+        yield ("radiation_pressure", "beta"), f"{wrong}; {words}"
 
 
 class Effect(base.Effect):
+    """Radiation pressure of the star on the dust."""
+
     keys = Keys
-    rules = (_needs_dust_and_star, _one_beta_per_population, _needs_dust_particles, _unbound_grains)
+    rules = (_scene_problems, _beta_problems)
 
     def __init__(self, scene: Scene, state: State) -> None:
         assert scene.star is not None
         self.softening = scene.star.softening
-        self.share = 1.0 - pull_share(scene)  # beta of each population
+        self.beta = 1.0 - pull_share(scene)  # of each population
         self.in_drift, self.step = in_drift(scene), _relative_step(scene)
 
     @classmethod
@@ -86,25 +69,18 @@ class Effect(base.Effect):
         return GRAIN_COST * counts.dust
 
     @classmethod
-    def expected_limit(cls, scene: Scene, outlook: Outlook) -> Expected:
-        strongest, step = float((1.0 - pull_share(scene)).max()) * scene.star.mass, _relative_step(scene)
-        if outlook.nearest == np.inf or strongest == 0.0 or step == np.inf:
-            return Expected()
-        away = float(np.hypot(outlook.nearest, scene.star.softening))
-        return Expected(step * (away**3 / strongest) ** 0.5, f"at {scene.units.show(outlook.nearest, 'length')}")
+    def expected_limit(cls, scene: Scene, outlook: base.ForecastState) -> base.Expected:
+        strongest = float((1.0 - pull_share(scene)).max()) * scene.star.mass
+        return expected_orbit_limit(scene, outlook, strongest, _relative_step(scene))
 
     @classmethod
-    def report(cls, scene: Scene, at: Local) -> base.Report:
-        return base.Report(warnings=cls._warnings(scene))
-
-    @classmethod
-    def _warnings(cls, scene: Scene) -> Iterator[str]:
-        most = 1.0 - float(pull_share(scene).min())
-        if most >= 1.0 and scene.drag is not None:
-            yield (
-                f"radiation_pressure.beta = {most:g}: grains with beta >= 1 are unbound, and only gas drag holds "
-                "them back; expected less than 1 for bound grains"
-            )
+    def report(cls, scene: Scene, at: base.GasSamples) -> base.Report:
+        beta = 1.0 - float(pull_share(scene).min())
+        text = (
+            f"radiation_pressure.beta = {beta:g}: grains with beta >= 1 are unbound, and only gas drag holds "
+            "them back; expected less than 1 for bound grains"
+        )
+        return base.Report(warnings=[text] if beta >= 1.0 and scene.drag is not None else [])
 
     def operators(self, state: State) -> list[base.Operator]:
         reads, of = base.arrays("dust", "pos species") | {"bodies"}, base.Slot
@@ -115,24 +91,21 @@ class Effect(base.Effect):
         ]
 
     def accelerate(self, view: base.View) -> None:
-        dust, strength = view.dust, view.star_mass * self.share
+        dust, strength = view.dust, view.star_mass * self.beta
         away = view.from_star(dust.pos)
         parallel_for(kernels.push, dust.count, away, dust.species, strength, self.softening, dust.acc_unshared)
 
     def limit(self, view: base.View) -> dict[str, base.Limit]:
-        strongest, pos = view.star_mass * self.share.max(), view.dust.pos
-        if len(pos) == 0 or strongest == 0.0 or self.step == np.inf:
+        strongest, dust = view.star_mass * self.beta.max(), view.dust
+        if dust.count == 0 or strongest == 0.0 or self.step == np.inf:
             return {}
-        distance2 = min(parallel_for(stars.nearest, len(pos), pos, *view.star_place))
-        step = self.step * float(((distance2 + self.softening**2) ** 1.5 / strongest) ** 0.5)
-        return {
-            "dust": base.Limit(step, base.GROWS / IN_KICKS * step, partial(nearest_row, pos, view.star_place), SOFTER)
-        }
+        distance2 = min(parallel_for(stars.nearest, dust.count, dust.pos, *view.star_place))
+        softened2 = distance2 + self.softening**2
+        return {"dust": orbit_limit(dust.pos, view.star_place, softened2, strongest, self.step, base.GROWS / IN_KICKS)}
 
     def potential_energy(self, state: State) -> float:
-        dust = state.dust
-        distance = np.sqrt((state.from_star(dust.pos) ** 2).sum(axis=1) + self.softening**2)
-        return state.star_mass * total(dust.mass * self.share[dust.species] / distance)
+        dust, star = state.dust, np.array(state.star_place)
+        return -state.star_mass * base.point_mass_energy(dust, star, self.beta[dust.species], self.softening)
 
 
 def _relative_step(scene: Scene) -> float:

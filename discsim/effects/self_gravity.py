@@ -23,14 +23,12 @@ from discsim.effects import base
 from discsim.formulas.smoothing import SMOOTHING
 from discsim.numerics.state import Particles, State
 from discsim.parts import Lazy
-from discsim.physics.local import Expected
 from discsim.scene.keys.self_gravity import Keys
-from discsim.scene.rules import Draft, Problem, kinds
+from discsim.scene.rules import Draft, Problem, kinds, quoted
 
 if TYPE_CHECKING:
     from discsim.numerics.mesh import Mesh
     from discsim.numerics.poisson import Kernel
-    from discsim.physics.local import Local, Outlook
     from discsim.scene import Scene
 
 kernels = Lazy("discsim.kernels.common.grid")
@@ -39,8 +37,6 @@ poisson = Lazy("discsim.numerics.poisson")
 totals = Lazy("discsim.numerics.totals")
 
 Array = np.ndarray
-
-
 CELL_COST, PARTICLE_COST = 50.0, 18.0  # CPU nanoseconds in a step: per grid cell, and per particle (deposit and pull)
 KERNEL_KEYS = {"plummer": "softening", "thin-disc": "thickness"}  # key of the length of each kernel
 
@@ -50,13 +46,19 @@ def kernel_length(scene: Scene) -> float:
     return float(getattr(scene.self_gravity, KERNEL_KEYS[scene.self_gravity.kernel]))
 
 
-def _boundary_of_a_line(draft: Draft) -> Iterator[Problem]:
-    """Yield a problem of open boundaries in 1D."""
-    if draft.dimensions == 1 and draft.space and draft.space.boundary == "open":
+def _space_problems(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of an open space in 1D, and of an open grid with too few cells."""
+    space = draft.space
+    if not space or space.boundary == "periodic":
+        return
+    if draft.dimensions == 1:
         yield ("space", "boundary"), 'self-gravity in 1D needs periodic boundaries; expected "periodic"'
+    if space.cells and min(space.size) / max(space.size) * space.cells < 5:
+        wrong = "too few for self-gravity, whose derivative uses five cells"
+        yield ("space", "cells"), f"{wrong}; expected at least 5 cells along each side"
 
 
-def _volume_density_in_1d(draft: Draft) -> Iterator[Problem]:
+def _density_problems(draft: Draft) -> Iterator[Problem]:
     """Yield a problem of 1D self-gravity with a start that has a volume density instead of a surface density.
 
     Scenes in code units and particles given by the caller may have either density, and yield no problem.
@@ -66,41 +68,24 @@ def _volume_density_in_1d(draft: Draft) -> Iterator[Problem]:
         return
     if 1 in start.dimensions and start.boundary == "periodic":  # other rules report the remaining starts
         wrong = f'self-gravity in 1D is for surface densities, but initial.kind "{draft.kind}" has a volume density'
-        words = " or ".join(f'"{name}"' for name in kinds(lambda start: start.column))
+        words = quoted(kinds(lambda start: start.column))
         yield ("self_gravity",), f"{wrong}; expected initial.kind = {words}, or space.dimensions = 2"
 
 
-def _length_of_the_kernel(draft: Draft) -> Iterator[Problem]:
+def _kernel_problems(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of the length of the gravity kernel, `softening` or `thickness`."""
     kernel = draft.self_gravity.kernel
     needed = KERNEL_KEYS[kernel]
-    unsaid = not draft.gives("self_gravity", "kernel")
-    if unsaid and draft.self_gravity.thickness is not None:
+    if draft.self_gravity.thickness is not None and not draft.gives("self_gravity", "kernel"):
         yield ("self_gravity", "thickness"), 'used only by kernel "thin-disc"; expected kernel = "thin-disc" too'
     elif getattr(draft.self_gravity, needed) is None:
         yield ("self_gravity", needed), f'missing, but kernel "{kernel}" needs it; expected a length'
 
 
-def _sources(draft: Draft) -> Iterator[Problem]:
-    sources = draft.self_gravity.sources
-    if len(set(sources)) < len(sources):
-        yield ("self_gravity", "sources"), "a source occurs twice; expected each source once"
-    for name in sources:
-        if draft.gives("self_gravity", "sources") and not draft.has(name):
-            yield (
-                ("self_gravity", "sources"),
-                f'"{name}" is listed, but there is no table [{name}]; expected that table, or no "{name}"',
-            )
-
-
-def _enough_cells(draft: Draft) -> Iterator[Problem]:
-    space = draft.space
-    if not space or space.boundary == "periodic" or not space.cells:
-        return
-    if min(space.size) / max(space.size) * space.cells < 5:
-        yield (
-            ("space", "cells"),
-            "too few for self-gravity, whose derivative uses five cells; expected at least 5 cells along each side",
-        )
+def _source_problems(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of the key `sources`, if the scene gives it."""
+    if draft.gives("self_gravity", "sources"):
+        yield from base.source_problems(draft, ("self_gravity", "sources"), draft.self_gravity.sources)
 
 
 STABLE_Q = 3.0  # Toomre's Q above which nothing is amplified (Toomre 1981), with any softening
@@ -108,7 +93,7 @@ CLUMP_SIZE = 6  # required particles of a collapsing mass, in neighbour numbers 
 CELLS = 4  # required width of a collapsing region in grid cells
 
 
-def _length_warnings(scene: Scene, at: Local) -> Iterator[str]:
+def _kernel_warnings(scene: Scene, at: base.GasSamples) -> Iterator[str]:
     """Yield warnings of a kernel length that is unused, below a grid cell or above the scale height."""
     kernel = scene.self_gravity.kernel
     name, length = KERNEL_KEYS[kernel], kernel_length(scene)
@@ -125,9 +110,9 @@ def _length_warnings(scene: Scene, at: Local) -> Iterator[str]:
         )
     if at.scale_height is not None and at.toomre_q is not None:
         # A softening has to be below H wherever self-gravity matters, a thickness only below the largest H.
-        counts = at.toomre_q <= max(STABLE_Q, at.toomre_q.min())
-        softest = np.where(counts, at.scale_height, np.inf).argmin()
-        worst = int(softest if kernel == "plummer" else at.scale_height.argmax())
+        matters = at.toomre_q <= max(STABLE_Q, at.toomre_q.min())
+        thinnest = np.where(matters, at.scale_height, np.inf).argmin()
+        worst = int(thinnest if kernel == "plummer" else at.scale_height.argmax())
         height = at.scale_height[worst]
         if length > height:
             yield (
@@ -136,7 +121,7 @@ def _length_warnings(scene: Scene, at: Local) -> Iterator[str]:
             )
 
 
-def _collapse_warnings(scene: Scene, at: Local) -> Iterator[str]:
+def _collapse_warnings(scene: Scene, at: base.GasSamples) -> Iterator[str]:
     """Yield warnings of collapsing regions with too few particles or grid cells, where Q < 2.
 
     A collapsing region is 2 c_s^2 / (G Sigma) wide and has a mass of pi c_s^4 / (G^2 Sigma) (Nelson 2006, sec. 2).
@@ -145,17 +130,17 @@ def _collapse_warnings(scene: Scene, at: Local) -> Iterator[str]:
         return
     length = 2 * at.sound_speed**2 / at.density
     mass = math.pi * at.sound_speed**4 / at.density
-    heavy = np.ones(len(at.density), bool) if at.toomre_q is None else at.toomre_q < 2
-    if not heavy.any():
+    collapses = np.ones(len(at.density), bool) if at.toomre_q is None else at.toomre_q < 2
+    if not collapses.any():
         return
-    worst = int(np.argmin(np.where(heavy, mass, np.inf)))
+    worst = int(np.argmin(np.where(collapses, mass, np.inf)))
     where = at.where(worst)
-    reach = math.pi * (SMOOTHING[scene.gas.kernel].support * scene.gas.eta) ** 2
-    held = mass[worst] / (reach * at.particle_mass * at.relative_mass[worst])
-    if held < CLUMP_SIZE:
+    neighbours = math.pi * (SMOOTHING[scene.gas.kernel].support * scene.gas.eta) ** 2
+    size = mass[worst] / (neighbours * at.particle_mass * at.relative_mass[worst])
+    if size < CLUMP_SIZE:
         yield (
-            f"the smallest collapsing mass {where} has {held:.2g} times the particles of a kernel, below {CLUMP_SIZE}: "
-            f"raise gas.particles by a factor of {CLUMP_SIZE / held:.2g}"
+            f"the smallest collapsing mass {where} has {size:.2g} times the particles of a kernel, below {CLUMP_SIZE}: "
+            f"raise gas.particles by a factor of {CLUMP_SIZE / size:.2g}"
         )
     cell = at.cell
     if length[worst] < CELLS * cell:
@@ -176,7 +161,7 @@ class Effect(base.Effect):
     """
 
     keys = Keys
-    rules = (_boundary_of_a_line, _volume_density_in_1d, _length_of_the_kernel, _sources, _enough_cells)
+    rules = (_space_problems, _density_problems, _kernel_problems, _source_problems)
     role = base.Role(grid=True)
 
     def __init__(self, scene: Scene, state: State) -> None:
@@ -194,8 +179,8 @@ class Effect(base.Effect):
         self.outside = 0
 
     @classmethod
-    def report(cls, scene: Scene, at: Local) -> base.Report:
-        return base.Report(warnings=chain(_length_warnings(scene, at), _collapse_warnings(scene, at)))
+    def report(cls, scene: Scene, at: base.GasSamples) -> base.Report:
+        return base.Report(warnings=chain(_kernel_warnings(scene, at), _collapse_warnings(scene, at)))
 
     @classmethod
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
@@ -209,12 +194,12 @@ class Effect(base.Effect):
         return 8 * (4 * math.prod(shape) + 2 * shape[0] * columns + (pad * shape[0] // 2 + 1) * columns)
 
     def operators(self, state: State) -> list[base.Operator]:
-        sources, pos, of = base.arrays(state.species, "pos mass"), base.arrays(state.species, "pos"), base.Slot
+        sources, pos, slots = base.arrays(state.species, "pos mass"), base.arrays(state.species, "pos"), base.Slot
         acc, force = base.arrays(state.species, "acc"), "self_gravity.pull"
         return [
-            base.Operator(POTENTIAL, of.FIELD, self.solve, sources),
-            base.Operator(force, of.FORCE, self.accelerate, pos | {POTENTIAL}, acc),
-            base.Operator("self_gravity.limit", of.LIMIT, self.limit, frozenset({force})),
+            base.Operator(POTENTIAL, slots.FIELD, self.solve, sources),
+            base.Operator(force, slots.FORCE, self.accelerate, pos | {POTENTIAL}, acc),
+            base.Operator("self_gravity.limit", slots.LIMIT, self.limit, frozenset({force})),
         ]
 
     def solve(self, view: base.View) -> None:
@@ -239,14 +224,14 @@ class Effect(base.Effect):
         return largest
 
     @classmethod
-    def expected_limit(cls, scene: Scene, outlook: Outlook) -> Expected:
-        """Estimate the limit with the pull 2 pi G Sigma of a thin sheet at the densest place."""
+    def expected_limit(cls, scene: Scene, outlook: base.ForecastState) -> base.Expected:
+        """Estimate the limit with the pull 2 pi G Sigma of a thin sheet, at the largest density."""
         if outlook.at.radius is None:  # a uniform sheet, which has no pull
-            return Expected()
+            return base.Expected()
         keys, densest = scene.self_gravity, int(np.argmax(outlook.at.density))
         length = keys.softening if keys.kernel == "plummer" else outlook.at.cell
         pull = 2.0 * np.pi * float(outlook.at.density[densest])
-        return Expected(math.sqrt(length / pull), outlook.at.where(densest))
+        return base.Expected(math.sqrt(length / pull), outlook.at.where(densest))
 
     def limit(self, view: base.View) -> dict[str, base.Limit]:
         """Return the smallest sqrt(l / |a|) of each species; l is the softening, or the grid cell for thin-disc."""
@@ -262,6 +247,7 @@ class Effect(base.Effect):
         return 0.5 * sum(self._energy(state.species[name]) for name in self.sources)
 
     def _energy(self, particles: Particles) -> float:
+        """Return the sum of m phi over particles."""
         potential = self.mesh.potential(particles.pos)
         outside = self.grid.outside(particles.pos)
         if len(outside) > 0:
@@ -269,18 +255,18 @@ class Effect(base.Effect):
         return float(totals.total(particles.mass * potential))
 
     def _monopole(self) -> _Monopole:
-        """Return the mass on the grid, at the last computation of the potential, as one point."""
-        # Cloud-in-cell deposition conserves mass and first moments, so the grid has those of the deposited particles.
-        along = self.mesh.sums()
-        total = float(along[0].sum())
+        """Return the mass that was on the grid at the last computation of the potential, as one point."""
+        # Cloud-in-cell deposition conserves mass and first moments, so the grid has the barycentre of the particles.
+        sums = self.mesh.sums()
+        total = float(sums[0].sum())
         if total == 0.0:
             return _Monopole(0.0, np.zeros(2), self.kernel)
-        centre = np.array([(along[axis] * self.grid.nodes(axis)).sum() / total for axis in (0, 1)])
+        centre = np.array([(sums[axis] * self.grid.nodes(axis)).sum() / total for axis in (0, 1)])
         return _Monopole(total * self.grid.cell**2, centre, self.kernel)
 
 
 class _Monopole(NamedTuple):
-    """Point mass that represents the mass on the grid, at its barycentre `centre`."""
+    """Point mass that represents the mass on the grid, at its barycentre `centre` (2,)."""
 
     mass: float
     centre: Array

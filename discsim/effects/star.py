@@ -19,35 +19,32 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from discsim.effects import base
-from discsim.effects.accretion import accrete, accreted_from
+from discsim.effects.accretion import accrete, accreted_masses
 from discsim.numerics import world
 from discsim.numerics.bodies import SPECIES
 from discsim.numerics.state import Particles, State
 from discsim.numerics.threads import parallel_for, parallel_for_ranges
-from discsim.numerics.totals import rounded, total, totals
+from discsim.numerics.totals import rounded, totals
 from discsim.parts import Lazy
-from discsim.physics.local import Expected
 from discsim.physics.orbits import Orbits, in_drift, pulling, step_of_circle
 from discsim.scene.keys.star import Keys
 from discsim.scene.rules import Draft, Problem
 
 if TYPE_CHECKING:
-    from discsim.physics.local import Outlook
     from discsim.scene import Scene
 
 kernels = Lazy("discsim.kernels.gravity.point_masses")
 
-SOFTER = "a larger star.accretion_radius or star.softening"
+REMEDY = "a larger star.accretion_radius or star.softening"  # for step limits
 PULL = 5.0  # CPU nanoseconds in a step, per particle; twice as long for particles that pull the star
 
 
-def _space_with_centre(draft: Draft) -> Iterator[Problem]:
+def _space_problems(draft: Draft) -> Iterator[Problem]:
     """Yield problems of a space that has no centre for a star."""
     if draft.dimensions == 1:
         yield ("star",), "a star is possible only in two dimensions; expected space.dimensions = 2"
@@ -55,24 +52,12 @@ def _space_with_centre(draft: Draft) -> Iterator[Problem]:
         yield ("star",), 'a star is not possible in a periodic space; expected space.boundary = "open"'
 
 
-def _indirect_sources(draft: Draft) -> Iterator[Problem]:
+def _indirect_problems(draft: Draft) -> Iterator[Problem]:
     """Yield problems of the key `indirect`, the list of sources that accelerate the star."""
-    names = draft.star.indirect or ()
-    if len(set(names)) < len(names):
-        yield ("star", "indirect"), "a name occurs twice; expected each name once"
-    for name in dict.fromkeys(names):
-        table = "companion" if name == "companions" else name
-        if not draft.has(table):
-            yield (
-                ("star", "indirect"),
-                f'"{name}" is listed, but there is no table [{table}]; expected that table, or no "{name}"',
-            )
-    if "dust" in names and draft.one_way_beside_gas:
-        wrong = "with one-way drag, dust must not act on the gas, not even through the motion of the star"
-        yield ("star", "indirect"), f'{wrong}; expected no "dust", or drag.direction = "two-way"'
+    return base.source_problems(draft, ("star", "indirect"), draft.star.indirect or (), "the motion of the star")
 
 
-def _frame(draft: Draft) -> Iterator[Problem]:
+def _frame_problems(draft: Draft) -> Iterator[Problem]:
     """Yield problems of the keys `frame`, `centre` and `grows`."""
     star = draft.star
     if star.frame == "inertial" and draft.has("background"):
@@ -81,10 +66,8 @@ def _frame(draft: Draft) -> Iterator[Problem]:
         if not draft.has("companion"):
             yield ("star", "centre"), 'centre = "barycentre" needs a companion; expected a table [[companion]]'
         if star.frame == "star":
-            yield (
-                ("star", "centre"),
-                'centre = "barycentre" needs the inertial frame; expected star.frame = "inertial" too',
-            )
+            wrong = 'centre = "barycentre" needs the inertial frame'
+            yield ("star", "centre"), f'{wrong}; expected star.frame = "inertial" too'
         if star.indirect is not None and "companions" not in star.indirect:
             wrong = 'centre = "barycentre" needs companions that accelerate the star'
             yield ("star", "indirect"), f'{wrong}; expected "companions" in the list, or centre = "star"'
@@ -96,15 +79,36 @@ def _frame(draft: Draft) -> Iterator[Problem]:
         yield ("star", "grows"), "the star accretes nothing; expected star.accretion_radius too"
 
 
-def nearest_row(pos: np.ndarray, place: tuple[float, float]) -> int:
-    """Return the index of the row of `pos` (n, 2) that is nearest to the point `place`."""
-    return int(((pos - place) ** 2).sum(axis=1).argmin())
+def orbit_limit(
+    pos: np.ndarray, star: tuple[float, float], distance2: float, mass: float, factor: float, unstable: float
+) -> base.Limit:
+    """Return the limit factor * (d^3 / mass)^(1/2) by the particle that is nearest to the star.
+
+    pos (n, 2): positions of the particles. star: position of the star. distance2: smallest softened d^2. mass: GM of
+    the force. factor: limit in units of 1/Omega. unstable: ratio of the shortest unstable step to the limit.
+    """
+    step = float(factor * (distance2**1.5 / mass) ** 0.5)
+    return base.Limit(step, unstable * step, lambda: int(((pos - star) ** 2).sum(axis=1).argmin()), REMEDY)
+
+
+def expected_orbit_limit(scene: Scene, outlook: base.ForecastState, mass: float, factor: float) -> base.Expected:
+    """Estimate the limit of `orbit_limit` for the forecast, with the same `mass` and `factor`."""
+    if outlook.nearest == np.inf or mass == 0.0 or factor == np.inf:
+        return base.Expected()
+    softened = float(np.hypot(outlook.nearest, scene.star.softening))
+    return base.Expected(factor * (softened**3 / mass) ** 0.5, f"at {scene.units.show(outlook.nearest, 'length')}")
 
 
 class Effect(base.Effect):
+    """Gravity of the star, accretion by it, and its motion.
+
+    counted: species whose pull on the star is summed. all_in_kick: whether the kick includes the whole acceleration by
+    the moving frame. in_drift: whether gas and dust drift on Kepler orbits. step: step limit in units of 1/Omega.
+    """
+
     keys = Keys
     role = base.Role(centre=True)
-    rules = (_space_with_centre, _indirect_sources, _frame)
+    rules = (_space_problems, _indirect_problems, _frame_problems)
 
     def __init__(self, scene: Scene, state: State) -> None:
         self.star = scene.star
@@ -123,37 +127,31 @@ class Effect(base.Effect):
         return PULL * (counts.gas * (1 + ("gas" in felt)) + counts.dust * (1 + ("dust" in felt)))
 
     @classmethod
-    def expected_limit(cls, scene: Scene, outlook: Outlook) -> Expected:
-        if outlook.nearest == np.inf:
-            return Expected()
-        away = float(np.hypot(outlook.nearest, scene.star.softening))
-        return Expected(
-            step_of_circle(scene) * (away**3 / scene.star.mass) ** 0.5,
-            f"at {scene.units.show(outlook.nearest, 'length')}",
-        )
+    def expected_limit(cls, scene: Scene, outlook: base.ForecastState) -> base.Expected:
+        return expected_orbit_limit(scene, outlook, scene.star.mass, step_of_circle(scene))
 
     def operators(self, state: State) -> list[base.Operator]:
-        reads, of = base.arrays(state.species, "pos mass") | {"bodies"}, base.Slot
-        force = of.DRIFT_FORCE if self.in_drift else of.FORCE
+        reads, slots = base.arrays(state.species, "pos mass") | {"bodies"}, base.Slot
+        force = slots.DRIFT_FORCE if self.in_drift else slots.FORCE
         return [
             base.Operator("star.pull", force, self.accelerate, reads, base.arrays(state.species, "acc"), starts=True),
-            base.Operator("star.limit", of.LIMIT, self.limit, reads | {"star.nearest"}),
-            base.Operator("star.drift", of.DRIFT, self.drift),
-            base.Operator("star.frame", of.MOVE, self.move),
-            base.Operator("star.nearest", of.EVENT, self.event),
+            base.Operator("star.limit", slots.LIMIT, self.limit, reads | {"star.nearest"}),
+            base.Operator("star.drift", slots.DRIFT, self.drift),
+            base.Operator("star.frame", slots.MOVE, self.move),
+            base.Operator("star.nearest", slots.EVENT, self.event),
         ]
 
     def accelerate(self, view: base.View) -> None:
-        bodies, given = view.bodies, (view.star_pull, self.star.softening, *view.star_place)
+        bodies, star = view.bodies, (view.star_pull, self.star.softening, *view.star_place)
         both, counted = view.species, self.counted if view.bodies is not None else []
         first = {name for name in both if view.is_first(f"{name}.acc")}
         for name, p in both.items():
             if name not in counted:
-                parallel_for(kernels.attract, p.count, p.pos, p.acc, name in first, *given, light=True)
+                parallel_for(kernels.attract, p.count, p.pos, p.acc, name in first, *star, light=True)
         if bodies is None:
             return
         mutual = {name: p for name, p in both.items() if name in counted}
-        pulling = [(p.count, p.pos, p.acc, name in first, p.mass, *given) for name, p in mutual.items()]
+        pulling = [(p.count, p.pos, p.acc, name in first, p.mass, *star) for name, p in mutual.items()]
         for name, limbs in zip(mutual, parallel_for_ranges(kernels.attract_mutually, pulling), strict=True):
             bodies.pulled[0, SPECIES.index(name)] = rounded(sum(limbs))
         of_frame = self.orbits.frame_acceleration(bodies, beyond_drift=not self.all_in_kick).tolist()
@@ -168,16 +166,18 @@ class Effect(base.Effect):
             distance2 = nearest.get(name) or min(
                 parallel_for(kernels.nearest, p.count, p.pos, *view.star_place, light=True)
             )
-            step = self.step * ((distance2 + self.star.softening**2) ** 1.5 / view.star_pull) ** 0.5
-            unstable = math.inf if self.in_drift else base.GROWS / self.step * step
-            found[name] = base.Limit(step, unstable, partial(nearest_row, p.pos, view.star_place), SOFTER)
+            softened2, growing = distance2 + self.star.softening**2, base.GROWS / self.step
+            limit = orbit_limit(p.pos, view.star_place, softened2, view.star_pull, self.step, growing)
+            found[name] = limit._replace(unstable=math.inf) if self.in_drift else limit
         return found
 
     def drift(self, state: State, dt: float) -> None:
+        """Drift the star and its companions over dt."""
         if state.bodies is not None:
             self._frame_motion = self.orbits.drift(state.bodies, state.time, dt)
 
     def move(self, state: State, dt: float) -> None:
+        """Move gas and dust by the motion of the frame during the last drift."""
         if state.bodies is None or self.all_in_kick or not np.any(self._frame_motion):
             return
         for p in state.species.values():
@@ -188,16 +188,16 @@ class Effect(base.Effect):
                     vectors[~p.immobile] += moved
 
     def event(self, state: State) -> dict[str, float]:
-        """Accrete particles, and return for each species the smallest squared distance of the others from the star.
+        """Accrete particles, and return by species the smallest squared distance from the star of the remaining ones.
 
-        Species whose distances may have changed, or were not computed, are left out.
+        The result has no entry for a species whose distances may have changed or were not computed.
         """
         nearest: dict[str, float] = {}
         if state.bodies is not None:
             self.orbits.place(state.bodies, state.time)
         if self.star.accretion_radius > 0.0:
-            given = self.star.accretion_radius**2, *state.star_place
-            ranges = [(p.count, p.pos, *given) for p in state.species.values()]
+            region = self.star.accretion_radius**2, *state.star_place
+            ranges = [(p.count, p.pos, *region) for p in state.species.values()]
             found = parallel_for_ranges(kernels.split_by_radius, ranges, light=True)
             for (name, particles), near in zip(state.species.items(), found, strict=True):
                 nearest[name] = min(least for least, _ in near)
@@ -209,27 +209,24 @@ class Effect(base.Effect):
         return nearest
 
     def _accrete(self, state: State, name: str, particles: Particles, gone: np.ndarray) -> None:
-        """Remove accreted particles of the species `name`; `gone` has their indices.
+        """Remove the accreted particles with the indices `gone` (k,) from `particles`, the species `name`.
 
-        The ledger records them, and a growing star gains their mass.
+        The ledger records their mass and momentum, and a growing star gains their mass.
         """
         if world.processes.most(len(gone)) == 0:
             return
         mass, pos, vel = particles.mass[gone], particles.pos[gone], particles.vel[gone]
-        ledger, taken = state.ledger, accreted_from(state, name, gone)
-        setattr(ledger, f"accreted_{name}", getattr(ledger, f"accreted_{name}") + taken.own)
-        ledger.accreted_small += taken.small
-        turning = pos[:, 0] * vel[:, 1] - pos[:, 1] * vel[:, 0]
-        *momentum, angular_momentum = totals(mass[:, None] * np.column_stack([vel, turning]))
+        ledger, masses = state.ledger, accreted_masses(state, name, gone)
+        setattr(ledger, f"accreted_{name}", getattr(ledger, f"accreted_{name}") + masses.own)
+        ledger.accreted_small += masses.small
+        specific = pos[:, 0] * vel[:, 1] - pos[:, 1] * vel[:, 0]  # angular momentum per mass
+        *momentum, angular_momentum = totals(mass[:, None] * np.column_stack([vel, specific]))
         ledger.accreted_momentum += momentum
         ledger.accreted_angular_momentum += float(angular_momentum)
         if state.bodies is not None:
-            accrete(state, 0, name, gone, taken, grows=self.star.grows, moves=self.orbits.inertial)
+            accrete(state, 0, name, gone, masses, grows=self.star.grows, moves=self.orbits.inertial)
         particles.remove(gone)
 
     def potential_energy(self, state: State) -> float:
-        energy, place = 0.0, np.array(state.star_place)
-        for p in state.species.values():
-            distance = np.sqrt(((p.pos - place) ** 2).sum(axis=1) + self.star.softening**2)
-            energy -= total(p.mass * state.star_pull / distance)
-        return energy
+        star, softening = np.array(state.star_place), self.star.softening
+        return sum(base.point_mass_energy(p, star, state.star_pull, softening) for p in state.species.values())

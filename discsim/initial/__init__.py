@@ -14,7 +14,7 @@ import numpy as np
 
 from discsim.numerics.state import FOLLOWED, Dust, Gas, State
 from discsim.parts import STARTS, Lazy
-from discsim.physics.grains import has_sizes, sizes_of
+from discsim.physics.grains import has_sizes, sampled_sizes
 
 if TYPE_CHECKING:
     from discsim.initial.base import Start
@@ -70,7 +70,7 @@ def _with_grain_sizes(scene: Scene, given: Given) -> Given:
     species = dust.get("species", np.zeros(len(size), np.int64))
     for number, population in enumerate(scene.dust):
         members = np.flatnonzero(species == number)
-        size[members], factor[members] = sizes_of(population, len(members))
+        size[members], factor[members] = sampled_sizes(population, len(members))
     return given | {"dust": dust | {"size": size, "mass": dust["mass"] * factor}}
 
 

@@ -24,7 +24,7 @@ from discsim.numerics.operators import accelerate
 from discsim.parts import Lazy
 from discsim.physics import profile, radiation
 from discsim.physics.centre import star_pull
-from discsim.physics.grains import has_sizes, sizes_of, typical_size
+from discsim.physics.grains import has_sizes, sampled_sizes, typical_size
 from discsim.scene.fields import Default, Orbits, Table
 
 if TYPE_CHECKING:
@@ -99,12 +99,12 @@ class Balance:
             if self.drifts:
                 radial, lag = self.effects["drag"].steady_drift(pos, species, size).T
         elif name == "dust" and not self.drifts and scene.radiation_pressure is not None:
-            lag = radiation.lag(scene, species, r, keplerian)
+            lag = radiation.circular_minus_keplerian(scene, species, r, keplerian)
         elif scene.gas is not None:
             disc = profile.radial(scene)
             headwind = 0.5 * disc.pressure_acceleration(r) * r / keplerian  # eta v_K
             if self.laden:  # only gas has pressure, which accelerates gas and small dust together
-                headwind = headwind / (1.0 + growth.small_at(scene, r, disc.dust_share))
+                headwind = headwind / (1.0 + growth.small_ratio_at(scene, r, disc.dust_share))
             headwind[keplerian <= 1e-100] = 0.0
             if self.drifts and (name == "dust" or scene.drag.direction == "two-way"):
                 radial, lag = self._drift(disc, species, r, keplerian / r, headwind, size)
@@ -135,9 +135,9 @@ class Balance:
         # added as one more kind, without mass.
         scene, drag = self.scene, self.effects["drag"]
         density = disc.surface_density(r)
-        sound = profile.thermal_speed(scene, r, density)
+        sound = profile.initial_thermal_speed(scene, r, density)
         typical, kinds, loads, pushed = np.empty((len(scene.dust), len(r))), [], [], []
-        push = radiation.pushes(scene, r, omega * r)
+        push = radiation.radiation_velocities(scene, r, omega * r)
         for k, population in enumerate(scene.dust):
             # Beyond an edge there is no gas and the stopping time is infinite; the bound avoids inf * 0.
             typical[k] = np.minimum(omega * drag.stopping_time(k, density, sound, omega, population.ratio), 1e100)
@@ -145,7 +145,7 @@ class Balance:
             there = (r >= (population.inner or 0.0)) & (r <= (population.outer or np.inf))
             load = np.where(there & (scene.drag.direction == "two-way"), ratio, 0.0)
             if self.laden:
-                small = growth.small_at(scene, r, disc.dust_share)
+                small = growth.small_ratio_at(scene, r, disc.dust_share)
                 load = (load - small) / (1.0 + small)
             for over_typical, share in _representative_sizes(population):
                 kinds.append(over_typical * typical[k])
@@ -172,7 +172,7 @@ def _representative_sizes(population: Any) -> Iterator[tuple[float, float]]:
     """
     if not has_sizes(population):
         return iter([(1.0, 1.0)])
-    size, weight = sizes_of(population, population.grain_size.bins or SIZE_SAMPLES)
+    size, weight = sampled_sizes(population, population.grain_size.bins or SIZE_SAMPLES)
     return zip(size / typical_size(population), weight / weight.sum(), strict=True)
 
 

@@ -56,7 +56,7 @@ def radial(scene: Scene) -> profile.Radial:
         start.outer,
         surface_density=partial(profile.surface_density, scene),
         pressure_acceleration=partial(profile.pressure_acceleration, scene),
-        mass_within=lambda r: profile.scale(scene) * profile.cumulative(start, r),
+        mass_within=lambda r: profile.sigma_ref(scene) * profile.cumulative(start, r),
     )
 
 
@@ -146,7 +146,7 @@ def places(scene: Scene) -> Places:
 
 
 def spread(scene: Scene) -> tuple[Places, Array]:
-    r = profile.radii(scene.initial)
+    r = profile.sample_radii(scene.initial)
     density = profile.radial(scene).surface_density(r)
     r, density = r[density > 0], density[density > 0]
     return Places([], density, r), r * density
@@ -185,6 +185,6 @@ START = Start(
     spread=spread,
     on_lattice=False,
     edges=rings.edges,
-    reference_density=profile.scale,
+    reference_density=profile.sigma_ref,
     warnings=warnings,
 )

@@ -14,7 +14,7 @@ import numpy as np
 from discsim.initial import SPECIES, Given
 from discsim.parts import Lazy
 from discsim.physics.eos import eos_of
-from discsim.physics.grains import own_sizes
+from discsim.physics.grains import has_individual_sizes
 from discsim.scene import SceneError, near, tomltext
 from discsim.scene.fields import shown
 from discsim.scene.units import UnitError
@@ -100,7 +100,7 @@ def _read_species(scene: Scene, name: str, given: Any) -> tuple[dict[str, Array]
         faults.append(
             f'u is given, but the gas is "{scene.gas.eos.kind}", which has no energy equation; expected no array u'
         )
-    if name == "dust" and "size" in given and not own_sizes(scene):
+    if name == "dust" and "size" in given and not has_individual_sizes(scene):
         faults.append("size is given, but dust.grain_size is not a size distribution; expected no array size")
     if "small" in given and name == "gas" and scene.table("growth") is None:
         faults.append("small is given, but there is no [growth]; expected a table [growth] too, or no array small")
@@ -124,7 +124,7 @@ def _missing_arrays(scene: Scene, name: str, given: Mapping[str, Any]) -> Iterat
             yield key, f"; expected {_quoted(REQUIRED_ARRAYS)}"
     if name == "dust" and len(scene.dust) > 1 and "species" not in given:
         yield "species", f"; expected the number of each particle's population, 0 to {len(scene.dust) - 1}"
-    if name == "dust" and own_sizes(scene) and "size" not in given and scene.table("growth") is None:
+    if name == "dust" and has_individual_sizes(scene) and "size" not in given and scene.table("growth") is None:
         yield "size", "; expected the radius of each particle's grains, as dust.grain_size is a size distribution"
     eos: Any = scene.gas.eos if scene.gas else None
     if name == "gas" and eos_of(scene).holds_heat and "u" not in given and not (eos.sound_speed or eos.aspect_ratio):

@@ -67,7 +67,7 @@ def radial(scene: Scene) -> profile.Radial:
     def inflow(r: Array) -> Array:
         return np.asarray(-1.5 * viscosity.diffusivity(scene, r) / r)
 
-    return profile.of_density(scene, start.inner, start.outer, surface_density, inflow)
+    return profile.disc_of_density(scene, start.inner, start.outer, surface_density, inflow)
 
 
 def reference_density(scene: Scene) -> float:

@@ -82,8 +82,8 @@ def _support_of_gas(scene: Scene) -> Support:
         pull = pull + SELF_GRAVITY_FACTOR * disc.mass_within(r) / (r * r)
     push = disc.pressure_acceleration(r) / pull
     if scene.table("growth") is not None and growth.small_dust_in_mass(scene):
-        push = push / (1.0 + growth.small_at(scene, r, disc.dust_share))
-    aspect = profile.thermal_speed(scene, r, density) / np.sqrt(pull * r)
+        push = push / (1.0 + growth.small_ratio_at(scene, r, disc.dust_share))
+    aspect = profile.initial_thermal_speed(scene, r, density) / np.sqrt(pull * r)
     weight = r * density
     return Support(r, push, aspect, weight / weight.sum(), r * r * pull)
 

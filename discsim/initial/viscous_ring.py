@@ -67,7 +67,7 @@ def radial(scene: Scene) -> profile.Radial:
         inside = (r >= inner) & (r <= outer)
         return np.where(inside, spreading_ring.surface_density(r, start.tau, start.mass, start.radius), 0.0)
 
-    return profile.of_density(scene, inner, outer, surface_density)
+    return profile.disc_of_density(scene, inner, outer, surface_density)
 
 
 def places(scene: Scene) -> Places:

@@ -87,6 +87,6 @@ def derived_arrays(scene: Scene, kind: str, particles: Any) -> dict[str, Array]:
         molecule = scene.gas.eos.mean_molecular_weight * (constants.m_p + constants.m_e).cgs.value
         specific = scene.units.cgs("specific_energy") * per_mass
         if particles.small is not None:
-            specific = specific / growth.gas_share(scene, particles)
+            specific = specific / growth.gas_fraction(scene, particles)
         derived["temperature"] = specific * molecule / constants.k_B.cgs.value
     return derived

@@ -187,7 +187,7 @@ def history_row(
     mass_gas, small = gas.mass, []
     if state.gas is not None and state.gas.small is not None:
         small = [total(state.gas.small), state.ledger.accreted_small]
-        mass_gas = total(state.gas.mass * growth.gas_share(state.scene, state.gas))
+        mass_gas = total(state.gas.mass * growth.gas_fraction(state.scene, state.gas))
     return [
         state.step, state.time, dt, dt_set_by, mass_gas, dust.mass, float(momentum[0]), float(momentum[1]),
         gas.spin + dust.spin, gas.kinetic, dust.kinetic, _thermal(state),
@@ -239,7 +239,7 @@ def _thermal(state: State) -> float:
     free = _mobile(gas)
     mass, density = gas.mass[free], gas.density[free]
     if gas.u is None and gas.small is not None:  # small dust adds mass but no pressure
-        share = growth.gas_share(state.scene, gas)
+        share = growth.gas_fraction(state.scene, gas)
         mass, density = mass * share, density * share
     return thermal_energy(state.scene, mass, density, None if gas.u is None else gas.u[free])
 

@@ -25,7 +25,7 @@ from discsim.initial.small import loaded
 from discsim.parts import Lazy
 from discsim.physics import profile
 from discsim.physics.eos import eos_of
-from discsim.physics.grains import own_sizes
+from discsim.physics.grains import has_individual_sizes
 from discsim.physics.orbits import Orbits, UnderWay
 from discsim.scene import SceneError, load_scene
 from discsim.scene.differences import FREE_TO_CHANGE, differences
@@ -164,7 +164,7 @@ def _arrays_in_code_units(scene: Scene, name: str, held: SnapshotParticles) -> d
     """
     keys = ["pos", "vel", "mass", "immobile"]
     keys += (
-        ["species", *(["size"] if own_sizes(scene) else [])]
+        ["species", *(["size"] if has_individual_sizes(scene) else [])]
         if name == "dust"
         else ["density", "small", *(["u"] if eos_of(scene).holds_heat else [])]
     )

@@ -15,7 +15,7 @@ Array = np.ndarray
 
 
 def central(scene: Scene) -> Array:
-    """Return a mask (n,) of the bodies that are part of the central mass of the disc: the star, then companions."""
+    """Return a mask (n,) of the bodies in the central mass of the disc; entry 0 is the star, then come companions."""
     star: Any = scene.star
     return centre.central(star.centre, [c.eccentricity for c in scene.table("companion") or ()])
 
@@ -37,14 +37,14 @@ def kepler_omega(scene: Scene, r: Array | float, mass: float | None = None) -> A
 
 
 def star_pull(scene: Scene, r: Array) -> Array:
-    """Return the inward acceleration (n,) by the star at distance `r` (n,) from it.
+    """Return the inward acceleration (n,) by the gravity of the star at the distance `r` (n,).
 
-    The acceleration by radiation pressure is proportional to it.
+    Radiation pressure is a fixed fraction of this acceleration, outwards.
     """
     star: Any = scene.star
     return np.asarray(star.mass * r / (r**2 + star.softening**2) ** 1.5)
 
 
 def passive_speed(scene: Scene, aspect_ratio: float, r: float) -> float:
-    """Return the isothermal sound speed at radius `r` in a disc that has H/r = `aspect_ratio` there."""
+    """Return the isothermal sound speed at radius `r` of a disc with H/r = `aspect_ratio` at this radius."""
     return centre.passive_speed(central_mass(scene), aspect_ratio, r)

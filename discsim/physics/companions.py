@@ -23,7 +23,7 @@ from discsim.physics.centre import kepler_omega
 from discsim.physics.local import PHASES
 
 if TYPE_CHECKING:
-    from discsim.physics.local import Outlook
+    from discsim.physics.local import ForecastState
     from discsim.scene import Scene
 
 Array = np.ndarray
@@ -33,13 +33,14 @@ ANGLES = 2048  # number of angles in the average (1): 12 within a softening of 0
 RADII = 4096  # number of radii at which (1) is tabulated for linear interpolation
 LARGEST_PLANET = 0.03  # ratio of companion mass to stellar mass above which a companion counts as a second star
 # Distance of the nearest particle beyond the accretion radius, in particle spacings of the disc: in streams to a
-# second star, for a planet next to a disc, and for a planet inside the disc.
+# second star, for a planet outside the radii of the disc, and for a planet between them.
 SPACINGS_STREAM, SPACINGS_PASSING, SPACINGS_EMBEDDED = 2.0, 1.2, 0.5
-OVERLAP, CAVITY = 1.3, 0.65  # distance from the orbit, in (m / (M + m))^(2/7) a, at which particles reach a companion
+# Largest distance from the orbit, in (m / (M + m))^(2/7) a, from which particles reach a planet or a second star.
+REACH_OF_PLANET, REACH_OF_STAR = 1.3, 0.65
 
 
 def ramped(companion: Any, time: float) -> float:
-    """Return the fraction of a companion's mass that gas and dust feel: sin^2(pi t / 2 ramp) until `ramp`, then 1.
+    """Return the fraction of a companion's mass that acts on gas and dust: sin^2(pi t / 2 ramp) until `ramp`, then 1.
 
     time: time t since the companion was added to the run.
     """
@@ -49,12 +50,12 @@ def ramped(companion: Any, time: float) -> float:
 
 
 def scale_height(scene: Scene, r: Array | float, mass: float | None = None) -> Array:
-    """Return H = c_T / Omega (n,) at radius `r` (n,) from the temperature of the scene; not for polytropic particles.
+    """Return the initial H = c_T / Omega (n,) at radius `r` (n,). Raises an error for polytropic SPH gas.
 
     mass: central mass, by default the initial one.
     """
     r = np.asarray(r, dtype=float)
-    return profile.thermal_speed(scene, r) / kepler_omega(scene, r, mass)
+    return profile.initial_thermal_speed(scene, r) / kepler_omega(scene, r, mass)
 
 
 def softening(scene: Scene, companion: Any, r: float, mass: float | None = None) -> float:
@@ -67,7 +68,7 @@ def softening(scene: Scene, companion: Any, r: float, mass: float | None = None)
 
 
 def hill_radius(scene: Scene, companion: Any) -> float:
-    """Return a (m / 3 M)^(1/3), the radius within which a companion's pull dominates."""
+    """Return the Hill radius a (m / 3 M)^(1/3), within which the gravity of a companion dominates."""
     star: Any = scene.star
     return companion.semi_major_axis * (companion.mass / (3.0 * star.mass)) ** (1.0 / 3.0)
 
@@ -90,10 +91,10 @@ def gap_number(scene: Scene, companion: Any) -> float:
 
 
 def step_of_orbit(scene: Scene, companion: Any, time: float) -> Array | float:
-    """Return 1 / Omega = (r^3 / mu)^(1/2) of a companion, with r its distance from the star and mu the sum of masses.
+    """Return 1 / Omega = (r^3 / mu)^(1/2) of a companion at the distance r from the star; mu is the sum of both masses.
 
-    An unbound companion has its distance at `time`. A bound eccentric orbit has an array (PHASES,) of values at
-    equidistant times in half an orbit, which represent the other half too.
+    For an unbound companion, r is the distance at `time`. For a bound eccentric orbit, the result is an array
+    (PHASES,) with values at equidistant times in half an orbit, which represent the other half too.
     """
     star: Any = scene.star
     a, e, mu = companion.semi_major_axis, companion.eccentricity, star.mass + companion.mass
@@ -107,7 +108,7 @@ def step_of_orbit(scene: Scene, companion: Any, time: float) -> Array | float:
     return np.asarray(np.sqrt((a * (1.0 - e * np.cos(at_even_times))) ** 3 / mu))
 
 
-def encounter_limits(scene: Scene, outlook: Outlook) -> list[float]:
+def encounter_limits(scene: Scene, outlook: ForecastState) -> list[float]:
     """Estimate the time-step limit of each companion by its nearest particle; inf if no particle comes near.
 
     The limit is the time in which the particle crosses the softened distance d at the speed (2 G m / d)^(1/2). As
@@ -123,11 +124,11 @@ def encounter_limits(scene: Scene, outlook: Outlook) -> list[float]:
     return found
 
 
-def fastest_in_softening(scene: Scene, outlook: Outlook) -> tuple[float, int]:
-    """Return the largest frequency (2 G m / d^3)^(1/2) of gas within the softening of a companion, and its number.
+def fastest_in_softening(scene: Scene, outlook: ForecastState) -> tuple[float, int]:
+    """Return the largest frequency (2 G m / d^3)^(1/2) of gas near a companion, and the number of this companion.
 
-    d is the softened distance of the nearest particle, and the first companion has the number 1. Returns (0, 0) if no
-    companion has an accretion radius below its softening.
+    d is the softened distance of the nearest particle. Only companions with an accretion radius below their softening
+    count; the first companion has the number 1. Returns (0, 0) if there are none.
     """
     found = [(0.0, 0)]
     for k, companion in enumerate(scene.table("companion") or (), 1):
@@ -145,23 +146,26 @@ def _cleared_radius(companion: Any) -> float:
     return float(companion.accretion_radius) if companion.accretion_rate is None else 0.0
 
 
-def _nearest_distance(scene: Scene, companion: Any, outlook: Outlook) -> float:
+def _nearest_distance(scene: Scene, companion: Any, outlook: ForecastState) -> float:
     """Return the softened distance of the particle nearest to a companion; inf if none comes near."""
     if not particles_reach(scene, companion, outlook):
         return math.inf
     a, e = companion.semi_major_axis, companion.eccentricity
-    beside = e < 1.0 and not (outlook.inner <= a * (1.0 + e) and outlook.outer >= a * (1.0 - e))
-    spacings = SPACINGS_STREAM if is_star(scene, companion) else SPACINGS_PASSING if beside else SPACINGS_EMBEDDED
+    spacings = SPACINGS_EMBEDDED
+    if is_second_star(scene, companion):
+        spacings = SPACINGS_STREAM
+    elif e < 1.0 and not (outlook.inner <= a * (1.0 + e) and outlook.outer >= a * (1.0 - e)):
+        spacings = SPACINGS_PASSING
     return math.hypot(_cleared_radius(companion) + spacings * outlook.spacing(a), softening(scene, companion, a))
 
 
-def is_star(scene: Scene, companion: Any) -> bool:
+def is_second_star(scene: Scene, companion: Any) -> bool:
     """Return whether a companion is massive enough to count as a star. Hill radius and gap are defined for planets."""
     star: Any = scene.star
     return bool(companion.mass >= LARGEST_PLANET * star.mass)
 
 
-def particles_reach(scene: Scene, companion: Any, outlook: Outlook) -> bool:
+def particles_reach(scene: Scene, companion: Any, outlook: ForecastState) -> bool:
     """Return whether particles come near a companion by the time of `outlook`.
 
     Particles come near a planet from within 1.3 (m / (M + m))^(2/7) a of its orbit, where resonances overlap (Wisdom
@@ -171,23 +175,24 @@ def particles_reach(scene: Scene, companion: Any, outlook: Outlook) -> bool:
     """
     star: Any = scene.star
     a, e = companion.semi_major_axis, companion.eccentricity
-    width = CAVITY * (1.0 + 2.0 * e) if is_star(scene, companion) else OVERLAP
+    width, orbits_needed = REACH_OF_PLANET, 0.5
+    if is_second_star(scene, companion):
+        width, orbits_needed = REACH_OF_STAR * (1.0 + 2.0 * e), 1.0
     reach = width * (companion.mass / (star.mass + companion.mass)) ** (2.0 / 7.0) * a
     nearest, farthest = a * abs(1.0 - e), a * (1.0 + e) if e < 1.0 else math.inf
-    turns = 1.0 if is_star(scene, companion) else 0.5
-    beside = not (outlook.inner <= farthest and outlook.outer >= nearest)
-    if beside and e < 1.0 and outlook.passed < turns * period(scene, companion):
+    is_outside = not (outlook.inner <= farthest and outlook.outer >= nearest)
+    if is_outside and e < 1.0 and outlook.elapsed < orbits_needed * period(scene, companion):
         return False
     return bool(outlook.inner <= farthest + reach and outlook.outer >= nearest - reach)
 
 
 def mean_pull(scene: Scene, radius: Array) -> Array:
-    """Return the inward acceleration (n,) at `radius` (n,) that companions cause at t = 0 in the mean, eq. (1).
+    """Return the mean inward acceleration (n,) by companions at `radius` (n,) at t = 0, eq. (1).
 
-    It is to be added to the acceleration by a star at the centre. Orbits are treated as circles with the semi-major
-    axis as radius, and unbound companions have no mean pull. If the centre of the disc is the barycentre, the star too
-    moves on a circle; the result includes the change of its pull, and a companion with a ramp acts with its full mass
-    at the barycentre. If the centre is the star, a companion with a ramp does not act.
+    The total acceleration is this plus the acceleration by a star at the centre. Orbits are treated as circles with the
+    semi-major axis as radius, and unbound companions have no mean pull. If the centre of the disc is the barycentre,
+    the star too moves on a circle; the result includes the change of its pull, and a companion with a ramp acts with
+    its full mass at the barycentre. If the centre is the star, a companion with a ramp does not act.
     """
     radius = np.asarray(radius, dtype=float)
     rings = list(_mean_rings(scene))
@@ -201,9 +206,9 @@ def mean_pull(scene: Scene, radius: Array) -> Array:
 
 
 def _mean_rings(scene: Scene) -> Any:
-    """Yield (mass, radius, softening) of rings that have the mean pull of companions.
+    """Yield (mass, radius, softening) of rings whose gravity is the mean gravity of the companions.
 
-    For a star that moves on a circle, a ring for the star and a negative mass at the centre are added.
+    For a star that moves on a circle, a ring for the star and a negative mass at the centre are yielded too.
     """
     star: Any = scene.star
     for companion, central in zip(scene.table("companion") or (), centre.central(scene)[1:].tolist(), strict=True):

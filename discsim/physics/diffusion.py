@@ -3,8 +3,9 @@
     D   = D_g / (1 + St^2),  St = t_stop Omega                                      (1)  Youdin & Lithwick 2007
     D_g = alpha c_s H = alpha c_s^2 / Omega, or nu of [alpha_viscosity]             (2)
 
-c_s is the isothermal sound speed, as in `physics/viscosity.py`. Omega is that of circles about the central mass, or
-in a layer `external.vertical_frequency`. A given D applies to grains of any Stokes number.
+c_s is the isothermal sound speed, as in `physics/viscosity.py`. Omega is the frequency of circular orbits about the
+central mass; in a vertical layer without a star it is `external.vertical_frequency`. A given D applies to grains of
+any Stokes number.
 """
 
 from __future__ import annotations
@@ -16,36 +17,39 @@ import numpy as np
 from discsim.physics import laws, viscosity
 
 if TYPE_CHECKING:
-    from discsim.physics.local import Local
+    from discsim.physics.local import GasSamples
     from discsim.scene import Scene
 
 Array = np.ndarray
 NODES, INWARDS = 4096, 1e5  # number of nodes of the table in ln r; ratio of its largest to its smallest radius
 
 
-def of_viscosity(scene: Scene) -> bool:
-    """Return whether [alpha_viscosity] determines the diffusivity."""
+def is_viscosity(scene: Scene) -> bool:
+    """Return whether the gas diffusivity D_g is the viscosity of [alpha_viscosity]."""
     keys: Any = scene.table("dust_diffusion")
     return keys.alpha is None and keys.D is None
 
 
 def constant(scene: Scene) -> float | None:
-    """Return D of [dust_diffusion], or nu of [alpha_viscosity] if this is D_g; None if D_g is alpha c_s H."""
+    """Return the uniform diffusivity of a scene, D of [dust_diffusion] or nu of [alpha_viscosity].
+
+    Returns None if the diffusivity of the gas is alpha c_s H.
+    """
     keys: Any = scene.table("dust_diffusion")
-    return scene.table("alpha_viscosity").nu if of_viscosity(scene) else keys.D
+    return scene.table("alpha_viscosity").nu if is_viscosity(scene) else keys.D
 
 
 def alpha(scene: Scene, r: Array) -> Array:
-    """Return alpha (n,) at radii (n,) of a scene without a `constant` diffusivity."""
+    """Return alpha (n,) at radii `r` (n,), for scenes in which `constant` returns None."""
     keys: Any = scene.table("dust_diffusion")
-    return viscosity.alpha(scene, r) if of_viscosity(scene) else np.full(np.shape(r), keys.alpha)
+    return viscosity.alpha(scene, r) if is_viscosity(scene) else np.full(np.shape(r), keys.alpha)
 
 
 def alpha_table(scene: Scene) -> tuple[Array, float, float]:
     """Return (table, first, nodes) of alpha as a function of ln r.
 
-    table (nodes, 2): alpha and d alpha / d ln r at equidistant ln r; empty if `constant` has a value. first: ln r of
-    the first node. nodes: number of nodes per unit of ln r.
+    table (nodes, 2): alpha and d alpha / d ln r at equidistant ln r; no rows if the diffusivity is uniform. first:
+    ln r of the first node. nodes: number of nodes per unit of ln r.
     """
     if constant(scene) is not None:
         return np.empty((0, 2)), 0.0, 1.0
@@ -56,17 +60,14 @@ def alpha_table(scene: Scene) -> tuple[Array, float, float]:
 
 
 def frequency(scene: Scene) -> float:
-    """Return the uniform Omega of a vertical layer; 0 without `external.vertical_frequency`, or with a star."""
+    """Return `external.vertical_frequency`, the uniform Omega of a vertical layer; 0 without it, or with a star."""
     return scene.external.vertical_frequency if scene.star is None and scene.external is not None else 0.0
 
 
-def at_places(scene: Scene, at: Local) -> list[tuple[Array, Array]]:
+def at_places(scene: Scene, at: GasSamples) -> list[tuple[Array, Array]]:
     """Return (D, St), arrays (n,) at the points of `at`, for each population; an empty list if they are undefined."""
-    omega = at.omega
-    if omega is None:
-        omega = np.full_like(at.density, frequency(scene))
+    omega = np.full_like(at.density, frequency(scene)) if at.omega is None else at.omega
     given = constant(scene)
-    times = laws.stopping_times(scene, at.density, at.thermal_speed, at.omega)
     if scene.table("dust_diffusion").D is not None:
         return [(np.full_like(at.density, given), np.zeros_like(at.density))] * len(scene.dust or ())
     if given is not None:
@@ -76,4 +77,5 @@ def at_places(scene: Scene, at: Local) -> list[tuple[Array, Array]]:
     else:
         radius = np.ones_like(at.density) if at.radius is None else at.radius
         of_gas = alpha(scene, radius) * at.thermal_speed**2 / omega  # eq. (2)
+    times = laws.stopping_times(scene, at.density, at.thermal_speed, at.omega)
     return [(of_gas / (1.0 + (time * omega) ** 2), time * omega) for time in times]  # eq. (1)

@@ -21,7 +21,7 @@ from pydantic import AfterValidator, Field
 from discsim.parts import EOS, STARTS, Lazy
 from discsim.physics.centre import passive_speed
 from discsim.scene.fields import MAX_GAMMA, Length, Measure, Number, Table, Velocity, fault
-from discsim.scene.rules import Draft, Problem, Rule
+from discsim.scene.rules import Draft, Problem, Rule, missing_tables
 
 if TYPE_CHECKING:
     from discsim.numerics.state import Gas
@@ -82,30 +82,32 @@ class Polytropic(Table):
     mean_molecular_weight: Number = Field(2.34, gt=0, description="mean molecular weight, for temperatures")
 
 
-def _needs_star(draft: Draft) -> Iterator[Problem]:
-    if not draft.has("star"):
-        yield ("gas", "eos", "kind"), "H/r needs a star; expected a table [star] too"
+def _star_problems(draft: Draft) -> Iterator[Problem]:
+    """Yield a problem of an aspect ratio without a star."""
+    yield from missing_tables(draft, ("gas", "eos", "kind"), {"star": "H/r needs a star"})
 
 
-def _one_temperature(draft: Draft) -> Iterator[Problem]:
+def _temperature_problems(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of adiabatic gas with no initial temperature or two."""
     eos = draft.gas.eos
-    brings = getattr(draft.start, "brings_pressure", False) or getattr(draft.initial, "brings_temperature", False)
+    is_given = getattr(draft.start, "brings_pressure", False) or getattr(draft.initial, "brings_temperature", False)
     if eos.sound_speed is not None and eos.aspect_ratio is not None:
         yield ("gas", "eos", "sound_speed"), "aspect_ratio is also given; expected only one of the two"
-    elif eos.sound_speed is None and eos.aspect_ratio is None and draft.start and not brings:
+    elif eos.sound_speed is None and eos.aspect_ratio is None and draft.start and not is_given:
         yield ("gas", "eos"), "no temperature at the start is given; expected sound_speed or aspect_ratio"
-    if eos.aspect_ratio is not None and not draft.has("star"):
-        yield ("gas", "eos", "aspect_ratio"), "H/r needs a star; expected a table [star] too"
+    if eos.aspect_ratio is not None:
+        yield from missing_tables(draft, ("gas", "eos", "aspect_ratio"), {"star": "H/r needs a star"})
 
 
-def _q_without_mass(draft: Draft) -> Iterator[Problem]:
+def _toomre_problems(draft: Draft) -> Iterator[Problem]:
+    """Yield a problem of initial.toomre_q in a polytropic disc whose Toomre Q does not depend on its mass."""
     if getattr(draft.initial, "toomre_q", None) is not None and draft.gas.eos.gamma == 3.0:
         wrong = "Toomre Q of a polytropic disc with gamma = 3 does not depend on its mass"
         yield ("initial", "toomre_q"), f"{wrong}; expected mass or surface_density"
 
 
 SqrtLaw = tuple[float, float, bool]  # c_s at a reference radius, this radius, and whether c_s ~ r^(-1/4), else r^(-1/2)
-TWICE = {0.5: True, 1.0: False}  # the last entry of `SqrtLaw`, by q in c_s ~ r^(-q/2)
+TWO_ROOTS = {0.5: True, 1.0: False}  # the last entry of `SqrtLaw`, by q in c_s ~ r^(-q/2)
 
 
 class Eos:
@@ -141,7 +143,7 @@ class Eos:
     rules: tuple[Rule, ...] = ()
 
     def thermal_speed(self, scene: Scene, r: Array, density: Array | None = None) -> Array:
-        """Return sqrt(P / rho) from the temperature of the scene, which for adiabatic gas is the initial one.
+        """Return sqrt(P / rho) from the temperature of the scene, which for adiabatic gas is the initial temperature.
 
         density: needed only if the temperature depends on it.
         """
@@ -153,7 +155,7 @@ class Eos:
         return _speed_of_temperature(scene, r)
 
     def sound_speed(self, scene: Scene, r: Array, density: Array) -> Array:
-        """Return sqrt(dP/drho) at fixed temperature profile."""
+        """Return sqrt(dP/drho) for a fixed temperature as a function of radius."""
         return self.thermal_speed(scene, r)
 
     def wave_speed(self, scene: Scene, r: Array, density: Array) -> Array:
@@ -176,18 +178,18 @@ class Eos:
         return None
 
     def adiabatic_index(self, eos: Any, density: Array) -> Array | float:
-        """Return d ln P / d ln rho = rho c_s^2 / P, which is (c_s / c_T)^2."""
+        """Return d ln P / d ln rho = rho c_s^2 / P = (c_s / c_T)^2 of sound waves."""
         return self.index(eos) or 1.0
 
     def pressure_and_sound_speed(
         self, scene: Scene, pos: Array, density: Array, u: Array | None
     ) -> tuple[Array, Array]:
-        """Return P and c_s. pos (n, d): positions. u (n,): specific internal energies, or None."""
+        """Return P and c_s. pos (n, d): positions. u (n,): specific internal energies; None without energy equation."""
         speed = self.thermal_speed(scene, radius(pos))
         return speed * speed * density, speed
 
     def roots(self, scene: Scene) -> SqrtLaw | None:
-        """Return the law for the kernel of c_s ~ r^(-1/4) or r^(-1/2) (`kernels/sph/eos.py`); None for other gas."""
+        """Return c_s ~ r^(-1/4) or c_s ~ r^(-1/2) for a fast kernel (`kernels/sph/eos.py`); None for another c_s."""
         return None
 
     def initial_energy(self, scene: Scene, r: Array) -> Array | None:
@@ -215,6 +217,8 @@ class Eos:
 
 
 class IsothermalGas(Eos):
+    """P = c_s^2 rho with a uniform c_s."""
+
     keys = Isothermal
     one_speed = on_grid = True
 
@@ -226,17 +230,19 @@ class IsothermalGas(Eos):
 
 
 class LocallyIsothermalGas(Eos):
+    """P = c_s^2 rho with c_s a power law of radius, or a function of radius that the start defines."""
+
     keys = LocallyIsothermal
     takes_temperature = True
-    rules = (_needs_star,)
+    rules = (_star_problems,)
 
     def roots(self, scene: Scene) -> SqrtLaw | None:
         eos, start = scene.gas.eos, scene.initial
-        if type(self) is not LocallyIsothermalGas or eos.temperature_index not in TWICE:
+        if type(self) is not LocallyIsothermalGas or eos.temperature_index not in TWO_ROOTS:
             return None
         if start and STARTS[start.kind].thermal_speed is not None:
             return None
-        return _speed_at(scene, eos.reference_radius), eos.reference_radius, TWICE[eos.temperature_index]
+        return _speed_at(scene, eos.reference_radius), eos.reference_radius, TWO_ROOTS[eos.temperature_index]
 
     def power_law(self, scene: Scene, eos: Any, sigma: float, p: float) -> tuple[float, float, float]:
         q, r0 = eos.temperature_index, eos.reference_radius
@@ -248,7 +254,7 @@ class AdiabaticGas(Eos):
 
     keys = Adiabatic
     holds_heat = closes_energy = on_grid = takes_temperature = True
-    rules = (_one_temperature,)
+    rules = (_temperature_problems,)
 
     def scene_speed(self, scene: Scene, r: Array) -> Array:
         eos: Any = scene.gas.eos
@@ -277,9 +283,11 @@ class AdiabaticGas(Eos):
 
 
 class PolytropicGas(Eos):
+    """P = K rho^gamma."""
+
     keys = Polytropic
     closes_energy = True
-    rules = (_q_without_mass,)
+    rules = (_toomre_problems,)
 
     def index(self, eos: Any) -> float | None:
         return eos.gamma
@@ -290,9 +298,9 @@ class PolytropicGas(Eos):
 
     def sound_speed(self, scene: Scene, r: Array | None, density: Array) -> Array:
         eos: Any = scene.gas.eos
-        there = density > 0.0  # beyond an edge there is no gas, and the sound speed is set to 0
-        speed2 = eos.gamma * eos.constant * np.where(there, density, 1.0) ** (eos.gamma - 1.0)
-        return np.where(there, np.sqrt(speed2), 0.0)
+        has_gas = density > 0.0  # beyond an edge there is no gas, and the sound speed is set to 0
+        speed2 = eos.gamma * eos.constant * np.where(has_gas, density, 1.0) ** (eos.gamma - 1.0)
+        return np.where(has_gas, np.sqrt(speed2), 0.0)
 
     def start_speed(self, scene: Scene, r: Array | None, density: Array) -> Array | None:
         return self.sound_speed(scene, r, density)
@@ -331,16 +339,16 @@ def initial_energy(scene: Scene, r: Array) -> Array | None:
 
 
 def pressure_and_sound_speed(scene: Scene, pos: Array, density: Array, u: Array | None) -> tuple[Array, Array]:
-    """Return P (n,) and c_s (n,) of gas. pos (n, d), density (n,). u (n,): specific internal energies, or None."""
+    """Return P (n,) and c_s (n,) of gas by `Eos.pressure_and_sound_speed` of the scene's equation of state."""
     return eos_of(scene).pressure_and_sound_speed(scene, pos, density, u)
 
 
 def thermal_speed(scene: Scene, gas: Gas) -> Array:
-    """Return sqrt(P / rho) (n,) of gas particles, for H, drag and turbulence; rho excludes their small dust."""
+    """Return sqrt(P / rho) (n,) of gas particles in a run, for H, drag and turbulence; rho excludes small dust."""
     eos, keys = eos_of(scene), scene.gas.eos
     index = eos.adiabatic_index(keys, gas.density)
     if gas.small is not None and eos.holds_heat:  # c_s is that of the mixture of gas and small dust
-        index = index * growth.gas_share(scene, gas)
+        index = index * growth.gas_fraction(scene, gas)
     if np.ndim(index) == 0 and index == 1.0:
         return gas.sound_speed
     return gas.sound_speed / np.sqrt(index)
@@ -378,6 +386,7 @@ def _speed_of_temperature(scene: Scene, r: Array) -> Array:
 
 
 def _speed_at(scene: Scene, r0: float) -> float:
+    """Return the sound speed at the reference radius `r0` of gas.eos."""
     return passive_speed(scene, scene.gas.eos.aspect_ratio, r0)
 
 

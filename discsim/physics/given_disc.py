@@ -17,8 +17,7 @@ if TYPE_CHECKING:
 
 viscosity = Lazy("discsim.physics.viscosity")
 Array = np.ndarray
-# Number of nodes of the table in ln r; ratio of its largest radius, which is beyond the corners of space, to the
-# smallest.
+# Table in ln r: number of nodes, and ratio of its largest radius (beyond the corners of space) to its smallest.
 NODES, INWARDS = 16_384, 1e5
 
 
@@ -26,8 +25,8 @@ class GivenDisc:
     """Prescribed gas disc. Methods take radii (n,) and return arrays (n,) in code units.
 
     c_T = sqrt(P / Sigma) is the thermal speed. laws: (Sigma, p, c_T^2, q, f) of the power laws Sigma ~ r^-p and
-    c_T^2 ~ r^-q, with Sigma and c_T^2 at radius 1 and -(1/Sigma) dP/dr = f c_T^2 / r. plain: whether the disc follows
-    these power laws exactly, without file, bump or gap.
+    c_T^2 ~ r^-q, with Sigma and c_T^2 at radius 1 and -(1/Sigma) dP/dr = f c_T^2 / r. is_power_law: whether the disc
+    follows these power laws exactly, without file, bump or gap.
     """
 
     def __init__(self, scene: Scene):
@@ -38,10 +37,10 @@ class GivenDisc:
         sigma = 1.0 if given.file is not None else given.surface_density * given.reference_radius**p
         speed2, q, f = self.eos.power_law(scene, given.eos, sigma, p)
         self.laws = np.array([sigma, p, speed2, q, f])
-        self.plain = given.file is None and given.bump is None and given.gap is None
+        self.is_power_law = given.file is None and given.bump is None and given.gap is None
 
     def surface_density(self, r: Array) -> Array:
-        if self.plain:
+        if self.is_power_law:
             return self.laws[0] * r ** -self.laws[1]
         return self._density_and_slope(r)[0]
 
@@ -50,7 +49,7 @@ class GivenDisc:
         return self.thermal_speed(r) * np.sqrt(self.eos.adiabatic_index(self.given.eos, self.surface_density(r)))
 
     def thermal_speed(self, r: Array) -> Array:
-        if self.plain:
+        if self.is_power_law:
             return np.sqrt(self.laws[2] * r ** -self.laws[3])
         return np.sqrt(self._speed2_and_pull(r)[0])
 
@@ -63,9 +62,10 @@ class GivenDisc:
         """Return (table, first, nodes) of the disc as functions of ln r.
 
         table (nodes, 5): ln Sigma, ln c_T^2, g = f c_T^2, dg / d ln r and the radial velocity v_r at equidistant ln r;
-        empty for plain power laws without viscosity. first: ln r of the first node. nodes: number per unit of ln r.
+        no rows for power laws without viscosity. first: ln r of the first node. nodes: number of nodes per unit of
+        ln r.
         """
-        if self.plain and not self.viscous:
+        if self.is_power_law and not self.viscous:
             return np.empty((0, 5)), 0.0, 1.0
         last = np.log(1.5 * max(self.scene.space.size))
         log = np.linspace(last - np.log(INWARDS), last, NODES)

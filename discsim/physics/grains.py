@@ -39,10 +39,10 @@ def epstein_stopping_time(
 
 
 def mean_free_column(scene: Any) -> float:
-    """Return the mean free path times the gas density, m / sigma, in code units, for molecules of cross-section sigma.
+    """Return m / sigma, the mean free path times the gas density, in code units.
 
-    It is drag.mean_free_column or, by default, computed from the scene's mean molecular weight and the cross-section
-    of H2, 2e-15 cm^2 (Chapman & Cowling 1970).
+    m and sigma are mass and cross-section of a molecule. The result is drag.mean_free_column or, by default, follows
+    from the scene's mean molecular weight and the cross-section of H2, 2e-15 cm^2 (Chapman & Cowling 1970).
     """
     if scene.drag.mean_free_column is not None:
         return scene.drag.mean_free_column
@@ -57,13 +57,13 @@ def has_sizes(population: Any) -> bool:
     return hasattr(population.grain_size, "smallest")
 
 
-def own_sizes(scene: Any) -> bool:
+def has_individual_sizes(scene: Any) -> bool:
     """Return whether dust particles have individual grain sizes, from a size distribution or growth."""
     return scene.table("growth") is not None or any(map(has_sizes, scene.dust or ()))
 
 
-def sizes_of(population: Any, count: int) -> tuple[Array, Array]:
-    """Return the grain sizes (n,) of n = `count` particles of a population, and their masses divided by the mean (n,).
+def sampled_sizes(population: Any, count: int) -> tuple[Array, Array]:
+    """Return the grain sizes (count,) of particles of a population, and their masses over the mean mass (count,).
 
     The number density of grains is n(s) ~ s^-index. Consecutive particles have very different sizes, so that all sizes
     are present in every region.
@@ -71,10 +71,10 @@ def sizes_of(population: Any, count: int) -> tuple[Array, Array]:
     if not has_sizes(population):
         return np.full(count, population.grain_size), np.ones(count)
     given = population.grain_size
-    place, bins = (0.5 + GOLDEN * np.arange(count)) % 1.0, given.bins
+    fraction, bins = (0.5 + GOLDEN * np.arange(count)) % 1.0, given.bins  # of the range of ln s
     if bins is not None:
-        place = (np.floor(place * bins) + 0.5) / bins
-    size = given.smallest * (given.largest / given.smallest) ** place
+        fraction = (np.floor(fraction * bins) + 0.5) / bins
+    size = given.smallest * (given.largest / given.smallest) ** fraction
     weight = (size / given.largest) ** (4.0 - given.index)  # m dn/d ln s, to which the mass of a bin is proportional
     return size, weight / weight.mean()
 
@@ -83,5 +83,5 @@ def typical_size(population: Any) -> float:
     """Return the mass-weighted mean size of a population's grains."""
     if not has_sizes(population):
         return float(population.grain_size)
-    size, weight = sizes_of(population, population.grain_size.bins or 1000)
+    size, weight = sampled_sizes(population, population.grain_size.bins or 1000)
     return float((size * weight).sum() / weight.sum())

@@ -17,12 +17,12 @@ from discsim.physics.grains import epstein_stopping_time
 
 if TYPE_CHECKING:
     from discsim.numerics.state import Gas
-    from discsim.physics.local import Local
+    from discsim.physics.local import GasSamples
     from discsim.scene import Scene
 
 Array = np.ndarray
-RANGE = 200.0  # default of a_* / a_min: that of the usual 1 um and 5e-3 um
-SEED = 1e-12  # fraction of a dust particle's share of all dust that it keeps if all dust is small
+RANGE = 200.0  # default of a_* / a_min, the ratio of the usual 1 um and 5e-3 um
+SEED = 1e-12  # smallest mass of a dust particle, as a fraction of the total dust mass per particle
 
 
 def smallest_size(scene: Scene) -> float:
@@ -38,14 +38,14 @@ def small_ratio(scene: Scene) -> float:
     return dust.ratio if keys.small_ratio is None else keys.small_ratio
 
 
-def small_at(scene: Scene, r: Array, dust_share: Callable[[Array], Array] | None) -> Array:
+def small_ratio_at(scene: Scene, r: Array, dust_share: Callable[[Array], Array] | None) -> Array:
     """Return the initial mass ratio (n,) of small dust to gas at radii `r` (n,).
 
-    dust_share: return a factor (n,) of the dust-to-gas ratio at radii (n,); None for a factor of 1.
+    dust_share: function that returns a factor (n,) of the dust-to-gas ratio at radii (n,); None for a factor of 1.
     """
     (dust,) = scene.dust or ()
-    there = (r >= (dust.inner or 0.0)) & (r <= (dust.outer or np.inf))
-    return np.where(there, small_ratio(scene), 0.0) * (1.0 if dust_share is None else dust_share(r))
+    has_dust = (r >= (dust.inner or 0.0)) & (r <= (dust.outer or np.inf))
+    return np.where(has_dust, small_ratio(scene), 0.0) * (1.0 if dust_share is None else dust_share(r))
 
 
 def small_dust_in_mass(scene: Scene) -> bool:
@@ -53,14 +53,14 @@ def small_dust_in_mass(scene: Scene) -> bool:
     return scene.table("growth") is not None and scene.drag is not None and scene.drag.direction == "two-way"
 
 
-def gas_share(scene: Scene, gas: Gas, piece: slice = slice(None)) -> Array | float:
-    """Return the mass fraction (n,) of gas in the gas particles `piece`; 1 if their mass excludes small dust."""
+def gas_fraction(scene: Scene, gas: Gas, rows: slice = slice(None)) -> Array | float:
+    """Return the mass fraction (n,) of gas without small dust in the gas particles `rows`; 1 with one-way drag."""
     assert gas.small is not None
-    return 1.0 - gas.small[piece] / gas.mass[piece] if small_dust_in_mass(scene) else 1.0
+    return 1.0 - gas.small[rows] / gas.mass[rows] if small_dust_in_mass(scene) else 1.0
 
 
 def alpha(scene: Scene, r: Array, speed2: Array, omega: Array) -> Array:
-    """Return the turbulence parameter alpha (n,) at radii `r` (n,). speed2 (n,): c_s^2. omega (n,): Omega."""
+    """Return the turbulence parameter alpha (n,) at radii `r` (n,). speed2 (n,): c_T^2. omega (n,): Omega."""
     keys: Any = scene.table("growth")
     if keys.alpha is not None:
         return np.full(np.shape(r), keys.alpha)
@@ -74,7 +74,8 @@ class Limits(NamedTuple):
     """Limits of grain growth at sample points, arrays (n,).
 
     fragmentation: largest size that fragmentation allows, eq. (6) of `formulas/growth.py`. drift: size at which drift
-    is as fast as growth. stokes: Stokes number at the smaller of these sizes, but at least at a_*. time: growth time.
+    is as fast as growth. stokes: Stokes number at the smaller of these sizes, or at a_* if a_* is larger. time: growth
+    time.
     """
 
     fragmentation: Array
@@ -83,12 +84,12 @@ class Limits(NamedTuple):
     time: Array
 
 
-def limits(scene: Scene, at: Local) -> Limits | None:
-    """Return the growth limits at the points of `at`, for the initial dust; None if the scene is not a disc.
+def limits(scene: Scene, at: GasSamples) -> Limits | None:
+    """Return the growth limits of the initial dust at the points of `at`; None if the scene is not a disc.
 
     The drift limit is 2 Sigma_d / (pi rho_s gamma) (v_K / c_s)^2, gamma = |d ln P / d ln r|, as in Birnstiel et al.
     (2012), eq. 18 without the factor f_d. P is the pressure integrated over height, as in the equation of motion of a
-    run. The growth time is that of settled grains, Sigma_g / (Sigma_d Omega).
+    run. The growth time of settled grains is Sigma_g / (Sigma_d Omega).
     """
     if at.radius is None or at.omega is None or at.thermal_speed is None:
         return None
@@ -98,16 +99,15 @@ def limits(scene: Scene, at: Local) -> Limits | None:
     (dust,) = scene.dust or ()
     speed2, material = at.thermal_speed**2, dust.grain_density
     strength = alpha(scene, at.radius, speed2, at.omega)
-    given = scene.table("growth").fragmentation_speed, material
-    breaks = np.array(
-        [
-            formulas.fragmentation_size(sigma, given[0], a, float(np.sqrt(c2)), given[1])
-            for sigma, a, c2 in zip(at.density, strength, speed2, strict=True)
-        ]
-    )
+    keys: Any = scene.table("growth")
+    points = zip(at.density, strength, speed2, strict=True)
+    breaks = [
+        formulas.fragmentation_size(sigma, keys.fragmentation_speed, a, float(np.sqrt(c2)), material)
+        for sigma, a, c2 in points
+    ]
     steep = np.maximum(np.abs(slopes[0]), 1e-100)
     drift = 2.0 * dust.ratio * at.density / (np.pi * material * steep) * (at.radius * at.omega) ** 2 / speed2
-    largest = np.maximum(np.minimum(breaks, drift), scene.table("growth").small_size)
+    largest = np.maximum(np.minimum(breaks, drift), keys.small_size)
     volume = at.density * at.omega / (np.sqrt(2.0 * np.pi) * at.thermal_speed)
     time = epstein_stopping_time(largest, material, at.thermal_speed, volume, scene.drag.convention)
-    return Limits(breaks, drift, time * at.omega, 1.0 / (dust.ratio * at.omega))
+    return Limits(np.array(breaks), drift, time * at.omega, 1.0 / (dust.ratio * at.omega))

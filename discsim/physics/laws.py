@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from discsim.formulas import laws as formulas
 from discsim.parts import LAWS, Lazy
 from discsim.physics import profile
 from discsim.physics.grains import epstein_stopping_time, mean_free_column, typical_size
-from discsim.scene.rules import Draft, Problem, Rule, kinds
+from discsim.scene.rules import Draft, Problem, Rule, kinds, missing_tables, quoted
 
 if TYPE_CHECKING:
     from discsim.scene import Scene
@@ -34,7 +34,7 @@ class Law:
     form : int
         Form of the law, a constant of `formulas/laws.py`. Several laws may share a form.
     value : callable (scene, population)
-        Return the main parameter of a dust population: K, t_stop, St or s rho_s c_s / c, depending on the form.
+        Returns the main parameter of a dust population: K, t_stop, St or, for Epstein's law, t_stop c_s rho_g.
     key : str
         Key of [drag] that the law needs. It is an error with laws that need another key.
     of_grains : bool
@@ -42,13 +42,13 @@ class Law:
     orbits : tuple of int
         Numbers of space dimensions in which the law needs an orbital frequency.
     formula : callable (scene), optional
-        Return the formula of t_stop as text, for previews.
+        Returns the formula of t_stop as text, for previews.
     rules : tuple of Rule
         Additional rules for a scene with this law.
     uniform_rate : callable (drag, eps, rho_g), optional
-        Return eps / t_stop in uniform gas and dust, from the table [drag]; None if the table does not determine it.
+        Returns eps / t_stop in uniform gas and dust, from the table [drag]. None if the table does not determine it.
     uniform_time : callable (drag), optional
-        Return t_stop from the table [drag]; None if t_stop depends on the gas.
+        Returns t_stop from the table [drag]. None if t_stop depends on the gas.
     """
 
     form: int
@@ -62,46 +62,49 @@ class Law:
     uniform_time: Callable[[Any], float] | None = None
 
     @property
-    def by_column(self) -> bool:
-        """True if the stopping time depends on the mean free path of the gas. It then depends on the slip too."""
+    def needs_mean_free_path(self) -> bool:
+        """Whether the stopping time depends on the mean free path of the gas, and then also on the slip."""
         return self.form == formulas.EPSTEIN_STOKES
 
 
 class SceneLaw:
     """Parameters of a scene's drag law for kernels.
 
-    code: form of the law. grains (populations, 5): parameters of each population; VALUE to THERMAL of
-    `formulas/laws.py` are the column indices. typical (populations,): mean grain size. nonlinear: whether the stopping
-    time depends on the slip.
+    code: form of the law, a constant of `formulas/laws.py`. nonlinear: whether the stopping time depends on the slip.
+    populations: number of dust populations. several: True with several populations, else None. grains
+    (populations, 5): parameters of each population; VALUE to THERMAL of `formulas/laws.py` are the column indices.
+    typical (populations,): mean grain size, or 1 if the law does not depend on size.
     """
 
     def __init__(self, scene: Scene):
         drag: Any = scene.drag
         law: Law = LAWS[drag.law]
         self.code = law.form
-        self.nonlinear = drag.supersonic or law.by_column
+        self.nonlinear = drag.supersonic or law.needs_mean_free_path
         self.populations = len(scene.dust or ())
         self.several = True if self.populations > 1 else None  # None: kernels compile no branch for it
         self.grains = np.array([_grain(scene, law, population) for population in scene.dust or ()])
         self.typical = np.array([typical_size(dust) if law.of_grains else 1.0 for dust in scene.dust or ()])
 
     def rows(self, species: Array, size: Array) -> Array:
-        """Return the parameters (n, 5) of dust particles. species (n,): populations. size (n,): grain sizes."""
+        """Return the parameters (n, 5) of grains. species (n,): populations of the grains. size (n,): grain sizes."""
         rows: Array = self.grains[species]
         rows[:, [formulas.VALUE, formulas.SIZE]] *= (size / self.typical[species])[:, None]
         return rows
 
     def stopping_time(self, population: int, density: Array, sound: Array, omega: Array, ratio: float) -> Array:
-        """Return the stopping time (n,) of a population at zero slip.
+        """Return the stopping time (n,) of the dust population with the index `population` at zero slip.
 
-        density, sound, omega (n,): density, thermal speed and orbital frequency of the gas. ratio: dust-to-gas ratio.
+        density, sound, omega (n,): density, thermal speed and orbital frequency of the gas. ratio: dust-to-gas mass
+        ratio of the population.
         """
         return kernels.stopping_times(self.code, self.grains[population], ratio, density, sound, omega)
 
 
 def _grain(scene: Scene, law: Law, population: Any) -> list[float]:
+    """Return the parameters of a dust population, a row of `SceneLaw.grains`."""
     value, faster = law.value(scene, population), formulas.KWOK * scene.drag.supersonic
-    if not law.by_column:
+    if not law.needs_mean_free_path:
         return [value, faster, 0.0, 0.0, 0.0]
     size = typical_size(population)
     return [value, faster, size, mean_free_column(scene), size * population.grain_density / value]
@@ -111,8 +114,8 @@ def stopping_times(scene: Scene, density: Array, sound: Array | None, omega: Arr
     """Return the stopping time (n,) of each population at zero slip.
 
     density, sound, omega (n,): density, thermal speed and orbital frequency of the gas; sound and omega are None if the
-    scene does not define them. The list is empty if the law needs such a value. The code is not compiled, and suitable
-    only for small n.
+    scene does not define them. The list is empty if the scene has no drag, or if the law needs a value that is None.
+    The code is not compiled, and suitable only for small n.
     """
     if scene.drag is None:
         return []
@@ -120,11 +123,10 @@ def stopping_times(scene: Scene, density: Array, sound: Array | None, omega: Arr
     if (omega is None and scene.space.dimensions in law.orbits) or (sound is None and law.of_grains):
         return []
     unknown = np.full(len(density), np.nan)
-    places = np.transpose([density, unknown if sound is None else sound, 0.0 * density if omega is None else omega])
-    ratios = [population.ratio for population in scene.dust or ()]
+    points = np.transpose([density, unknown if sound is None else sound, 0.0 * density if omega is None else omega])
     return [
-        np.array([formulas.stopping_time(law.form, grain, ratio, *place) for place in places])
-        for grain, ratio in zip(SceneLaw(scene).grains, ratios, strict=True)
+        np.array([formulas.stopping_time(law.form, grain, population.ratio, *point) for point in points])
+        for grain, population in zip(SceneLaw(scene).grains, scene.dust or (), strict=True)
     ]
 
 
@@ -135,15 +137,17 @@ def _epstein_value(scene: Scene, population: Any) -> float:
 
 
 def _value_of_key(key: str) -> Callable[[Scene, Any], float]:
+    """Return a function for `Law.value` that returns the key `key` of [drag]."""
     return lambda scene, population: getattr(scene.drag, key)
 
 
 def _stokes_at_reference(scene: Scene, population: Any) -> float:
-    """Return the parameter of Epstein's law for grains with the Stokes number drag.stokes at the reference density."""
+    """Return the parameter t_stop c_s rho_g of grains with the Stokes number drag.stokes at the reference density."""
     return scene.drag.stokes * profile.reference_density(scene) / math.sqrt(2 * math.pi)
 
 
 def _epstein_formula(scene: Scene) -> str:
+    """Return the formula of Epstein's stopping time as text."""
     kinetic = scene.drag.convention == "kinetic"
     time = "sqrt(pi/8) s rho_s / (c_s rho_g)" if kinetic else "s rho_s / (c_s rho_g)"
     if scene.space.dimensions == 1:
@@ -152,58 +156,59 @@ def _epstein_formula(scene: Scene) -> str:
 
 
 def _stokes_formula(scene: Scene) -> str:
+    """Return the formula of the stopping time with Stokes drag of large grains as text."""
     return f"{_epstein_formula(scene)}; longer where the mean free path is below 4 s / 9"
 
 
-def _grains(draft: Draft) -> Iterator[Problem]:
+def _grain_problems(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of dust without the grain size or density that the law needs."""
     for i, dust in enumerate(draft.dust or ()):
         for key in ("grain_size", "grain_density"):
             if getattr(dust, key) is None:
                 yield ("dust", i, key), f'missing, but drag.law "{draft.drag.law}" needs it; expected this key too'
 
 
-def _height(draft: Draft) -> Iterator[Problem]:
+def _height_problems(draft: Draft) -> Iterator[Problem]:
+    """Yield a problem of a 2D scene without a star, in which volume densities are not defined."""
     if draft.dimensions == 2 and not draft.has("star"):
-        yield (
-            ("drag", "law"),
-            "rho_g = Sigma / (sqrt(2 pi) H) with H = c_s / Omega needs a star; expected [star] too",
-        )
+        wrong = "rho_g = Sigma / (sqrt(2 pi) H) with H = c_s / Omega needs a star"
+        yield ("drag", "law"), f"{wrong}; expected [star] too"
 
 
-def _needs_column(draft: Draft) -> Iterator[Problem]:
+def _column_problems(draft: Draft) -> Iterator[Problem]:
+    """Yield a problem of a missing drag.mean_free_column, which has no default in code units."""
     if draft.drag.mean_free_column is None and draft.in_code_units:
-        yield (
-            ("drag", "mean_free_column"),
-            f'missing, but law "{draft.drag.law}" needs it in code units; expected this key too',
-        )
+        wrong = f'missing, but law "{draft.drag.law}" needs it in code units'
+        yield ("drag", "mean_free_column"), f"{wrong}; expected this key too"
 
 
-def _needs_star(draft: Draft) -> Iterator[Problem]:
-    if not draft.has("star"):
-        yield ("drag", "law"), "t_stop = stokes / Omega needs a star; expected a table [star] too"
+def _orbit_problems(draft: Draft) -> Iterator[Problem]:
+    """Yield a problem of a constant Stokes number without a star."""
+    yield from missing_tables(draft, ("drag", "law"), {"star": "t_stop = stokes / Omega needs a star"})
 
 
-def _needs_disc(draft: Draft) -> Iterator[Problem]:
+def _disc_problems(draft: Draft) -> Iterator[Problem]:
+    """Yield a problem of a Stokes number at a reference density in a scene that is no disc about a star."""
     in_a_disc = draft.has("background") or (draft.start and draft.start.reference_density)
     if not (draft.has("star") and in_a_disc):
-        words = " or ".join(f'"{kind}"' for kind in kinds(lambda start: start.reference_density))
-        yield (
-            ("drag", "law"),
-            "t_stop = (stokes / Omega) Sigma_ref / Sigma needs a disc about a star; expected initial.kind = "
-            f"{words} or [background], and [star]",
-        )
+        wrong = "t_stop = (stokes / Omega) Sigma_ref / Sigma needs a disc about a star"
+        words = quoted(kinds(lambda start: start.reference_density))
+        yield ("drag", "law"), f"{wrong}; expected initial.kind = {words} or [background], and [star]"
 
 
 EPSTEIN = Law(
-    formulas.EPSTEIN, _epstein_value, of_grains=True, orbits=(2,), formula=_epstein_formula, rules=(_grains, _height)
-)  # fmt: skip
-EPSTEIN_STOKES = Law(
-    formulas.EPSTEIN_STOKES,
+    formulas.EPSTEIN,
     _epstein_value,
     of_grains=True,
     orbits=(2,),
+    formula=_epstein_formula,
+    rules=(_grain_problems, _height_problems),
+)
+EPSTEIN_STOKES = replace(
+    EPSTEIN,
+    form=formulas.EPSTEIN_STOKES,
     formula=_stokes_formula,
-    rules=(_grains, _height, _needs_column),
+    rules=(_grain_problems, _height_problems, _column_problems),
 )
 CONSTANT = Law(
     formulas.CONSTANT,
@@ -225,7 +230,7 @@ STOKES_NUMBER = Law(
     "stokes",
     orbits=(1, 2),
     formula=lambda scene: "stokes / Omega",
-    rules=(_needs_star,),
+    rules=(_orbit_problems,),
 )
 STOKES_OVER_DENSITY = Law(
     formulas.EPSTEIN,
@@ -233,5 +238,5 @@ STOKES_OVER_DENSITY = Law(
     "stokes",
     orbits=(1, 2),
     formula=lambda scene: "(stokes / Omega) Sigma_ref / Sigma",
-    rules=(_needs_disc,),
+    rules=(_disc_problems,),
 )

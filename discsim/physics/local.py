@@ -1,4 +1,4 @@
-"""Estimates of a scene's gas at sample points, for previews and warnings; no particles are needed."""
+"""Estimates of a scene's gas at sample points, for previews and warnings, without particles."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Array = np.ndarray
 
 
 def resolution(scene: Scene, h: Array) -> Array:
-    """Return smoothing lengths (n,) in the usual definition of h.
+    """Return the smoothing lengths `h` (n,) of a scene's kernel, converted to the usual definition of h.
 
     Only the kernel quintic-h has another definition: its h is the support radius, three times the usual h.
     """
@@ -28,10 +28,11 @@ def resolution(scene: Scene, h: Array) -> Array:
 def longest_step(scene: Scene, h: Array, sound_speed: Array, closing: Array | float = 0.0) -> Array:
     """Return the time-step limit (n,) of the gas before the Courant factor (`effects/gas.py`).
 
-    h (n,): smoothing length as the kernel defines it. sound_speed (n,). closing: -div v of converging gas, else 0.
+    h (n,): smoothing length as the kernel defines it. sound_speed (n,): sound speed. closing: -div v of converging
+    gas, (n,) or one number; 0 for other gas.
     """
-    given = scene.gas.viscosity if scene.gas else None
-    signal, rate = (given.signal, given.closing) if given else (1.0, 1.0)
+    viscosity = scene.gas.viscosity if scene.gas else None
+    signal, rate = (viscosity.signal, viscosity.closing) if viscosity else (1.0, 1.0)
     return 1.0 / (sound_speed * signal / resolution(scene, h) + rate * closing)
 
 
@@ -41,8 +42,8 @@ PHASES = 256  # number of sample times in an orbit
 class Expected(NamedTuple):
     """Estimated time-step limit of an effect.
 
-    step: the limit, or one limit (PHASES,) for each of PHASES equidistant times in an orbit. where: text for messages
-    that says what sets the limit, like "at 12 au".
+    step: the limit, or limits (PHASES,) at PHASES equidistant times in an orbit. where: place that sets the limit, as
+    text for messages like "at 12 au".
     """
 
     step: Array | float = math.inf
@@ -50,26 +51,26 @@ class Expected(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Outlook:
+class ForecastState:
     """Estimated state of a run at some time, in code units.
 
     Attributes
     ----------
-    time, passed : float
+    time, elapsed : float
         Time of the run, and the time since its start.
-    at : Local
+    at : GasSamples
         Estimates of the gas at points throughout the disc or box.
     inner, outer : float
         Innermost and outermost radius of the particles that limit the step.
     nearest : float
         Smallest distance of these particles from the star; inf without star or particles.
     spacing : callable (r)
-        Return the mean distance between neighbouring particles at a radius.
+        Returns the mean distance between neighbouring particles at a radius.
     """
 
     time: float
-    passed: float
-    at: Local
+    elapsed: float
+    at: GasSamples
     inner: float
     outer: float
     nearest: float
@@ -77,9 +78,9 @@ class Outlook:
 
 
 @dataclass(frozen=True)
-class Local:
-    """Estimates of the gas at sample points, arrays (n,) in code units. A quantity that the scene does not define is
-    None.
+class GasSamples:
+    """Estimates of the gas at sample points, arrays (n,) in code units. A quantity is None if the scene does not define
+    it.
 
     Attributes
     ----------
@@ -92,10 +93,10 @@ class Local:
     step : ndarray or None
         Time-step limit of the gas.
     by_mass : callable ()
-        Return (h/H, fraction), arrays (m,): values of h/H in rising order, and the mass fraction of the gas with an
+        Returns (h/H, fraction), arrays (m,): values of h/H in rising order, and the mass fraction of the gas with an
         h/H up to each value.
     in_drag_cells : callable ()
-        Return (side, gas, dust), arrays (n,): side of a drag cell at the start, and its mean numbers of gas and dust
+        Returns (side, gas, dust), arrays (n,): side of a drag cell at the start, and its mean numbers of gas and dust
         particles. None if the scene has no drag cells.
     relative_mass : ndarray
         Mass of a gas particle divided by the mean over all gas particles.
@@ -124,11 +125,16 @@ class Local:
     jump: Array | None = None
 
     def where(self, number: int) -> str:
-        """Return a text for messages that says where the point with index `number` is, like "at 12 au"."""
+        """Return the place of the point with the index `number`, as text for messages like "at 12 au"."""
         if not self.places:
             return ""
         place = self.places[number]
         return place if place == "everywhere" else f"at {place}"
+
+    def smallest(self, steps: Array, where: str = "") -> Expected:
+        """Return the smallest of the time-step limits `steps` (n,); where: its place, by default that of the point."""
+        worst = int(np.argmin(steps))
+        return Expected(float(steps[worst]), where or self.where(worst))
 
     @property
     def scale_height(self) -> Array | None:

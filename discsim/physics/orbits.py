@@ -55,8 +55,9 @@ IN_KICKS = 0.5
 
 
 def feels(scene: Scene, companion: Any) -> frozenset[str]:
-    """Return the sources that accelerate a companion, from "star", "companions", "gas" and "dust"; none on a fixed
-    orbit.
+    """Return the names of the sources that accelerate a companion; no names if its orbit is fixed.
+
+    The names are "star", "companions", "gas" and "dust".
     """
     if companion.orbit == "fixed":
         return frozenset()
@@ -66,16 +67,16 @@ def feels(scene: Scene, companion: Any) -> frozenset[str]:
 
 
 def pulling(scene: Scene) -> list[str]:
-    """Return the species that may pull star and companions.
+    """Return the names of the species that may accelerate the star and the companions.
 
-    With one-way drag by [gas] dust is excluded, as the pulled bodies would change the motion of the gas.
+    With one-way drag by [gas], dust is excluded, as the accelerated bodies would change the motion of the gas.
     """
     one_way = scene.drag is not None and scene.drag.direction == "one-way" and scene.gas is not None
     return [name for name in ("gas", "dust") if getattr(scene, name) is not None and not (name == "dust" and one_way)]
 
 
 def felt_by_star(scene: Scene) -> frozenset[str]:
-    """Return the sources that accelerate the star, from "companions", "gas" and "dust"."""
+    """Return the names of the sources that accelerate the star: "companions", "gas" and "dust", or some of them."""
     star: Any = scene.star
     if star.indirect is not None:
         return frozenset(star.indirect)
@@ -86,7 +87,7 @@ def felt_by_star(scene: Scene) -> frozenset[str]:
 
 
 def orbital_mass(scene: Scene, star: float, companion: float) -> float:
-    """Return GM of a companion's orbit: the sum of both masses, or that of the star if it does not feel companions."""
+    """Return GM of an orbit: the sum of two masses, or `star` if companions do not accelerate the star."""
     return star + companion if "companions" in felt_by_star(scene) else star
 
 
@@ -119,24 +120,24 @@ def masses_in_drift(scene: Scene, species: str) -> Array | None:
     return scene.star.mass * (pull_share(scene) if species == "dust" else np.ones(1))
 
 
-def velocities_turn(scene: Scene) -> bool:
-    """Return whether drifts rotate both velocity and position of a circular orbit, by the same angle.
+def drift_rotates_velocities(scene: Scene) -> bool:
+    """Return whether the drift of a circular orbit rotates velocity and position by the same angle.
 
-    Otherwise velocities are half a step ahead of positions, or behind them.
+    Otherwise the angle of the velocity is half a step ahead of the angle of the position, or behind it.
     """
     return scene.model.given is not None or in_drift(scene)
 
 
 def step_of_circle(scene: Scene) -> float:
     """Return the step limit of circular orbits about the star, in units of 1/Omega."""
-    return 1.0 if velocities_turn(scene) else IN_KICKS
+    return 1.0 if drift_rotates_velocities(scene) else IN_KICKS
 
 
 class UnderWay(NamedTuple):
     """Star or companion that a run continues from a snapshot.
 
-    pos, vel (2,): position and velocity relative to the star. gained: accreted mass. begun: time, in this run, at
-    which the body was added.
+    pos, vel (2,): position and velocity relative to the star. gained: accreted mass. begun: time of the new run at
+    which the body was added; below 0 if this was before its start.
     """
 
     pos: Array
@@ -146,7 +147,13 @@ class UnderWay(NamedTuple):
 
 
 class Orbits:
-    """Equations of motion of the star and companions of a scene, eqs. (1) to (4)."""
+    """Equations of motion of the star and companions of a scene, eqs. (1) to (4).
+
+    Arrays and lists have an entry for each companion. feels: names of the sources that accelerate it. live: whether
+    its orbit is live. felt_by_star: names of the sources that accelerate the star. recoil: 1.0 if companions accelerate
+    the star, else 0.0. inertial: whether the frame is inertial. central: whether the companion is part of the central
+    mass. orbits: semi-major axis, eccentricity and phase. fixed_mu: GM of the orbit.
+    """
 
     def __init__(self, scene: Scene) -> None:
         star: Any = scene.star
@@ -154,9 +161,9 @@ class Orbits:
         self.feels = [feels(scene, c) for c in self.companions]
         self.live = np.array([c.orbit == "live" for c in self.companions], bool)
         self.felt_by_star = felt_by_star(scene)
-        self.back = float("companions" in self.felt_by_star)  # whether the star feels companions
+        self.recoil = float("companions" in self.felt_by_star)
         self.inertial = star.frame == "inertial"
-        self.central = central(scene)[1:]  # companions that the disc turns about
+        self.central = central(scene)[1:]
         self.star = star
         self.orbits = [(c.semi_major_axis, c.eccentricity, math.radians(c.phase)) for c in self.companions]
         self.fixed_mu = [orbital_mass(scene, star.mass, c.mass) for c in self.companions]
@@ -164,7 +171,7 @@ class Orbits:
     def at_start(self, under_way: Mapping[int, UnderWay] | None = None) -> Bodies:
         """Return the bodies at t = 0, with the centre of the disc at rest at the origin.
 
-        under_way: bodies already moving, by number; the star is 0.
+        under_way: bodies that a run continues from a snapshot, by number; the star is 0.
         """
         under_way = under_way or {}
         bodies = Bodies.at_rest(np.zeros(1 + len(self.companions)))
@@ -189,7 +196,10 @@ class Orbits:
         return bodies
 
     def offset(self, bodies: Bodies) -> tuple[Array, Array]:
-        """Return the initial position (2,) and velocity (2,) of the centre of the disc in the frame of the run."""
+        """Return the initial position (2,) and velocity (2,) of the disc's centre in the frame of the run.
+
+        bodies: result of `at_start`.
+        """
         if not self.inertial or self.star.centre == "barycentre":
             return np.zeros(2), np.zeros(2)
         _, weight = self._weights(bodies.mass)
@@ -197,28 +207,31 @@ class Orbits:
         return -_sum(weight, r), -_sum(weight, v)
 
     def drift(self, bodies: Bodies, time: float, dt: float) -> tuple[Array, Array]:
-        """Drift the bodies from `time` over dt, eq. (1), and return the effect of the frame's motion on gas and dust.
+        """Drift `bodies` in place from `time` over dt, eq. (1), and return the motion of gas and dust with the frame.
 
-        Returns the displacement (2,) of gas and dust beyond motion on straight lines, and their velocity change (2,).
-        Ramps are evaluated at the middle of dt.
+        The result is a displacement (2,), to be added to motion on straight lines, and a velocity change (2,). Ramps
+        are evaluated at the middle of dt.
         """
         mu, weight = self._weights(bodies.mass)
         r, v = bodies.pos[1:] - bodies.pos[0], bodies.vel[1:] - bodies.vel[0]
-        after, faster = np.empty_like(r), np.empty_like(v)
+        new_r, new_v = np.empty_like(r), np.empty_like(v)
         for k in range(len(r)):
             motion = kepler.Motion(*r[k].tolist(), *v[k].tolist())
             found = kepler.drift(mu[k], motion, dt) if self.live[k] else self._fixed_orbit(bodies, k, time + dt)
-            after[k], faster[k] = found[:2], found[2:]
-        off, turned = after - r - dt * v, faster - v
+            new_r[k], new_v[k] = found[:2], found[2:]
+        shift, change = new_r - r - dt * v, new_v - v
         if self.inertial:
-            bodies.pos[0] += dt * bodies.vel[0] - _sum(weight, off)
-            bodies.vel[0] -= _sum(weight, turned)
-        bodies.pos[1:], bodies.vel[1:] = bodies.pos[0] + after, bodies.vel[0] + faster
-        carried = -weight * self._frame_factors(self._ramps(bodies, time + 0.5 * dt))
-        return _sum(carried, off), _sum(carried, turned)
+            bodies.pos[0] += dt * bodies.vel[0] - _sum(weight, shift)
+            bodies.vel[0] -= _sum(weight, change)
+        bodies.pos[1:], bodies.vel[1:] = bodies.pos[0] + new_r, bodies.vel[0] + new_v
+        factors = -weight * self._frame_factors(self._ramps(bodies, time + 0.5 * dt))
+        return _sum(factors, shift), _sum(factors, change)
 
     def place(self, bodies: Bodies, time: float) -> None:
-        """Set all masses, companions on fixed orbits, and the masses and positions felt by the disc, eqs. (3), (4)."""
+        """Set `bodies` at `time`: masses, companions on fixed orbits, and the gravity on gas and dust, eqs. (3), (4).
+
+        In `bodies.felt` and `bodies.shift` are the masses and positions that act on gas and dust.
+        """
         bodies.mass = self._masses(bodies)
         for k in np.flatnonzero(~self.live).tolist():
             found = self._fixed_orbit(bodies, k, time)
@@ -229,30 +242,30 @@ class Orbits:
         bodies.shift = _sum(inside * self._central_weights(bodies), bodies.pos[1:] - bodies.pos[0])
 
     def frame_acceleration(self, bodies: Bodies, beyond_drift: bool) -> Array:
-        """Return the acceleration (2,) of gas and dust by the frame's motion.
+        """Return the acceleration (2,) of gas and dust by the motion of the frame.
 
         beyond_drift: whether to exclude the part that the drift contains.
         """
-        carried = self._frame_factors(bodies.felt[1:] / bodies.mass[1:])
-        found = _sum(carried * self._pulls_on_star(bodies, beyond_drift), _directions(bodies.pos[1:] - bodies.pos[0]))
+        pulls = self._frame_factors(bodies.felt[1:] / bodies.mass[1:]) * self._pulls_on_star(bodies, beyond_drift)
+        found = _sum(pulls, _inverse_squares(bodies.pos[1:] - bodies.pos[0]))
         return found if self.inertial else found - self._pull_of_disc(bodies, 0, self.felt_by_star)
 
     def accelerate(self, bodies: Bodies) -> None:
         """Set `bodies.acc` by eq. (2), without the terms that cancel."""
-        mass, back = bodies.mass[1:], self.back
+        mass, recoil = bodies.mass[1:], self.recoil
         r = bodies.pos[1:] - bodies.pos[0]
-        to = _directions(r)
+        to = _inverse_squares(r)  # from the star to the companions
         by_disc = self._pull_of_disc(bodies, 0, self.felt_by_star)
         bodies.acc[:] = by_disc + _sum(self._pulls_on_star(bodies, beyond_drift=True), to) if self.inertial else 0.0
         ramp = bodies.felt[1:] / mass
         for k in np.flatnonzero(self.live).tolist():
             others = np.arange(len(r)) != k
             kick = ramp[k] * (self._pull_of_disc(bodies, k + 1, self.feels[k]) - by_disc)
-            kick -= _sum(back * mass[others], to[others])
+            kick -= _sum(recoil * mass[others], to[others])
             if "companions" in self.feels[k]:
-                kick += _sum(mass[others], _directions(r[others] - r[k]))
+                kick += _sum(mass[others], _inverse_squares(r[others] - r[k]))
             if "star" not in self.feels[k]:
-                kick -= back * mass[k] * to[k]
+                kick -= recoil * mass[k] * to[k]
             bodies.acc[k + 1] += kick
 
     def limit(self, bodies: Bodies) -> float:
@@ -269,6 +282,7 @@ class Orbits:
         return longest
 
     def _pull_of_disc(self, bodies: Bodies, number: int, felt: Iterable[str]) -> Array:
+        """Return the acceleration (2,) of the body `number` by those of gas and dust that are in `felt`."""
         return bodies.pulled[number][[name in felt for name in ("gas", "dust")]].sum(axis=0)
 
     def _fixed_orbit(self, bodies: Bodies, k: int, time: float) -> kepler.Motion:
@@ -279,6 +293,7 @@ class Orbits:
         return kepler.at_mean_anomaly(mu, size, e, kepler.mean_anomaly(e, phase) + math.sqrt(mu / size**3) * time)
 
     def _masses(self, bodies: Bodies) -> Array:
+        """Return the present masses (n + 1,) of star and companions."""
         return np.array([self.star.mass, *(c.mass for c in self.companions)]) + bodies.gained
 
     def _ramps(self, bodies: Bodies, time: float) -> Array:
@@ -286,24 +301,25 @@ class Orbits:
         return np.array([ramped(c, time - begun) for c, begun in zip(self.companions, bodies.begun[1:], strict=True)])
 
     def _frame_factors(self, ramp: Array) -> Array:
-        """Return factors (n,) of the star's motion due to each companion: the motion of gas and dust in the run's
-        frame.
+        """Return the motion of gas and dust in the frame of the run as a fraction of the star's motion.
+
+        The result (n,) has a fraction for the motion due to each companion. ramp: f_k (n,).
         """
         return np.where(self.central, 0.0, float(self.inertial) - ramp)
 
     def _pulls_on_star(self, bodies: Bodies, beyond_drift: bool) -> Array:
-        """Return GM (n,) of the pull of each companion on the star.
+        """Return the pull of each companion on the star as GM (n,).
 
         beyond_drift: whether to exclude the part that the drift contains.
         """
-        pull = self.back * bodies.mass[1:]
+        pull = self.recoil * bodies.mass[1:]
         if not beyond_drift:
             return pull
         mu, weight = self._weights(bodies.mass)
         return pull - weight * mu
 
     def _central_weights(self, bodies: Bodies) -> Array:
-        """Return w_k (n,) of the companions that are part of the central mass, computed among these; 0 for others."""
+        """Return w_k (n,) of eq. (1) for companions in the central mass, with a sum over these only; 0 for others."""
         return np.where(self.central, self._weights(bodies.mass, self.central)[1], 0.0)
 
     def _weights(self, mass: Array, among: Array | bool = True) -> tuple[list[float], Array]:
@@ -311,17 +327,12 @@ class Orbits:
 
         among (n,): mask of the companions whose masses count in the sum of w_k.
         """
-        mu = [
-            (mass[0] + self.back * mass[k + 1]) * ("star" in self.feels[k]) if self.live[k] else self.fixed_mu[k]
-            for k in range(len(self.companions))
-        ]
-        about = self.live & among & (np.array(mu) > 0.0)
-        total = mass[0] + mass[1:][about].sum()
-        weight = [
-            self.back * m / (total if live else one) if one > 0.0 else 0.0
-            for m, live, one in zip(mass[1:], self.live, mu, strict=True)
-        ]
-        return [float(one) for one in mu], np.array(weight)
+        pairs = (mass[0] + self.recoil * mass[1:]) * np.array(["star" in feels for feels in self.feels], bool)
+        mu = np.where(self.live, pairs, self.fixed_mu)
+        counted = self.live & among & (mu > 0.0)
+        total = mass[0] + mass[1:][counted].sum()
+        weight = self.recoil * mass[1:] / np.where(self.live, total, np.where(mu > 0.0, mu, 1.0))
+        return mu.tolist(), np.where(mu > 0.0, weight, 0.0)
 
 
 def _sum(weight: Array, vectors: Array) -> Array:
@@ -329,7 +340,7 @@ def _sum(weight: Array, vectors: Array) -> Array:
     return np.asarray((weight[:, None] * vectors).sum(axis=0))
 
 
-def _directions(r: Array) -> Array:
-    """Return r / |r|^3 (n, 2)."""
+def _inverse_squares(r: Array) -> Array:
+    """Return r / |r|^3 (n, 2) of the vectors `r` (n, 2)."""
     with np.errstate(all="ignore"):  # bodies at one position give NaN, which is reported elsewhere
         return r / np.sqrt((r * r).sum(axis=1))[:, None] ** 3

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 SAMPLES = 20_001  # number of radii in numerical integrals
-SLOPE = 1e-4  # relative step of r in finite differences
-NEAR, FEWEST = 0.3, 3  # range in ln r of the rings in the fit of a slope, and their smallest number
+STEP = 1e-4  # relative step of r in finite differences
+FIT_RANGE, MIN_RINGS = 0.3, 3  # rings in the fit of a slope: largest distance in ln r, and smallest number
 
 
 @dataclass(frozen=True)
@@ -37,17 +37,17 @@ class Radial:
     inner, outer : float
         Radii of the edges.
     surface_density : callable (r)
-        Return Sigma of the gas.
+        Returns Sigma of the gas.
     pressure_acceleration : callable (r)
-        Return -(1/Sigma) dP/dr of the gas.
+        Returns -(1/Sigma) dP/dr of the gas.
     mass_within : callable (r)
-        Return the mass of gas between the first radius and each radius; radii must be in rising order.
+        Returns the mass of gas between the first of the radii and each radius; radii must be in rising order.
     dust_share : callable (r), optional
-        Return a factor by which the dust-to-gas ratio of each population is multiplied. Default: 1.
+        Returns a factor by which the dust-to-gas ratio of each population is multiplied. Default: 1.
     inflow : callable (r), optional
-        Return the radial velocity that viscosity causes. Default: computed from Sigma.
+        Returns the radial velocity that viscosity causes. Default: computed from Sigma.
     resolution : callable (r), optional
-        Return the number of gas particles per mass, times any constant. Default: uniform.
+        Returns the number of gas particles per mass, times any constant. Default: uniform.
     """
 
     inner: float
@@ -66,7 +66,7 @@ def radial(scene: Scene) -> Radial:
     return found
 
 
-def of_density(
+def disc_of_density(
     scene: Scene,
     inner: float,
     outer: float,
@@ -75,7 +75,7 @@ def of_density(
 ) -> Radial:
     """Return the disc with a given Sigma(r) and the temperature of gas.eos.
 
-    The pressure force is limited to that of a Sigma that falls or rises over a length H.
+    The pressure force is limited to the force of a Sigma that falls or rises over a length H.
     """
 
     def pressure_acceleration(r: Array) -> Array:
@@ -83,8 +83,8 @@ def of_density(
         speed2 = sound_speed(scene, r, sigma) ** 2
         steepest = kepler_omega(scene, r) * r / np.sqrt(speed2)
         with np.errstate(divide="ignore", invalid="ignore"):
-            rise = surface_density(r * (1.0 + SLOPE)) - surface_density(r * (1.0 - SLOPE))
-            slope = np.clip(np.nan_to_num(-0.5 * rise / (SLOPE * sigma), nan=0.0), -steepest, steepest)
+            rise = surface_density(r * (1.0 + STEP)) - surface_density(r * (1.0 - STEP))
+            slope = np.clip(np.nan_to_num(-0.5 * rise / (STEP * sigma), nan=0.0), -steepest, steepest)
         return (slope + eos_of(scene).temperature_slope(scene.gas.eos)) * speed2 / r
 
     def mass_within(r: Array) -> Array:
@@ -93,7 +93,7 @@ def of_density(
     return Radial(inner, outer, surface_density, pressure_acceleration, mass_within, inflow=inflow)
 
 
-def shape(start: Any, r: Array) -> Array:
+def relative_density(start: Any, r: Array) -> Array:
     """Return Sigma / Sigma_ref (n,) at radius `r` (n,); 0 outside the edges."""
     return tapered(start, r, (r / start.reference_radius) ** -start.surface_density_index)
 
@@ -107,13 +107,14 @@ def tapered(start: Any, r: Array, out: Array) -> Array:
     return out
 
 
-def radii(start: Any) -> Array:
+def sample_radii(start: Any) -> Array:
+    """Return equidistant radii (SAMPLES,) from edge to edge of a disc."""
     return np.linspace(start.inner, start.outer, SAMPLES)
 
 
 def cumulative(start: Any, r: Array) -> Array:
     """Return integrals (n,) of 2 pi r Sigma / Sigma_ref from r[0] to each of the radii `r` (n,), in rising order."""
-    return integral(r, shape(start, r))
+    return integral(r, relative_density(start, r))
 
 
 def integral(r: Array, density: Array) -> Array:
@@ -122,16 +123,17 @@ def integral(r: Array, density: Array) -> Array:
     return np.concatenate([[0.0], np.cumsum(0.5 * (f[1:] + f[:-1]) * np.diff(r))])
 
 
-def scale(scene: Scene) -> float:
-    """Return Sigma_ref in code units."""
+def sigma_ref(scene: Scene) -> float:
+    """Return the initial surface density Sigma_ref at the reference radius, in code units."""
     start: Any = scene.initial
     if start.surface_density is not None:
         return start.surface_density
-    r = radii(start)
+    r = sample_radii(start)
     if start.mass is not None:
         return start.mass / float(cumulative(start, r)[-1])
     with np.errstate(divide="ignore", invalid="ignore"):
-        q = wave_speed(scene, r, shape(start, r)) * kepler_omega(scene, r) / (np.pi * shape(start, r))
+        density = relative_density(start, r)
+        q = eos_of(scene).wave_speed(scene, r, density) * kepler_omega(scene, r) / (np.pi * density)
     power = eos_of(scene).toomre_power(scene.gas.eos)
     return (float(np.nanmin(q)) / start.toomre_q) ** (1.0 / power)
 
@@ -148,21 +150,19 @@ def reference_density(scene: Scene) -> float:
 
 
 def sound_speed(scene: Scene, r: Array, density: Array) -> Array:
-    """Return sqrt(dP/dSigma) (n,) of the gas at fixed temperature; for a polytrope, its sound speed."""
+    """Return sqrt(dP/dSigma) (n,) of the gas, at a fixed temperature unless the gas is polytropic."""
     return eos_of(scene).sound_speed(scene, r, density)
 
 
-def thermal_speed(scene: Scene, r: Array, density: Array | None = None) -> Array:
-    """Return sqrt(P / Sigma) (n,) of the gas at radius `r` (n,); polytropic particles need `density` (n,) too."""
+def initial_thermal_speed(scene: Scene, r: Array, density: Array | None = None) -> Array:
+    """Return sqrt(P / Sigma) (n,) of the gas at radius `r` (n,) from the temperature of the scene.
+
+    density (n,): surface density, needed for polytropic SPH gas only.
+    """
     if scene.model.given is not None:
         found: Array = scene.model.given(scene).thermal_speed(r)
         return found
     return eos_of(scene).thermal_speed(scene, r, density)
-
-
-def wave_speed(scene: Scene, r: Array, density: Array) -> Array:
-    """Return the speed (n,) of sound waves in the gas of a run; for adiabatic gas, the adiabatic sound speed."""
-    return eos_of(scene).wave_speed(scene, r, density)
 
 
 def pressure_slopes(scene: Scene, r: Array) -> tuple[Array, Array] | None:
@@ -183,13 +183,13 @@ def pressure_slopes(scene: Scene, r: Array) -> tuple[Array, Array] | None:
         disc = start.radial(scene)
         ends, density = (disc.inner, disc.outer), disc.surface_density
         with np.errstate(divide="ignore", invalid="ignore"):  # the temperature of a polytrope is 0 at its edge
-            slope = np.nan_to_num(disc.pressure_acceleration(r) * r / thermal_speed(scene, r, density(r)) ** 2)
+            slope = np.nan_to_num(disc.pressure_acceleration(r) * r / initial_thermal_speed(scene, r, density(r)) ** 2)
     else:
         rings = start.all_over(scene)[0]
-        if rings.radius is None or len(rings.radius) < FEWEST:
+        if rings.radius is None or len(rings.radius) < MIN_RINGS:
             return None
         log = np.log(rings.radius)
-        pressure = rings.density * thermal_speed(scene, rings.radius, rings.density) ** 2
+        pressure = rings.density * initial_thermal_speed(scene, rings.radius, rings.density) ** 2
         slope = np.array([-_slope_at(x, log, np.log(pressure)) for x in np.log(r)])
 
         def between_rings(radius: Array) -> Array:
@@ -198,32 +198,37 @@ def pressure_slopes(scene: Scene, r: Array) -> tuple[Array, Array] | None:
         density = between_rings
 
     def height(radius: Array) -> Array:
-        speed = given.thermal_speed(radius) if given is not None else thermal_speed(scene, radius, density(radius))
-        return speed / kepler_omega(scene, radius)
+        """Return the scale height (n,) at `radius` (n,)."""
+        sigma = density(radius) if given is None else None
+        return initial_thermal_speed(scene, radius, sigma) / kepler_omega(scene, radius)
 
-    near, far = (np.clip(r * (1.0 + step), *ends) for step in (-SLOPE, SLOPE))
+    near, far = (np.clip(r * (1.0 + step), *ends) for step in (-STEP, STEP))
     with np.errstate(divide="ignore", invalid="ignore"):
         rise = np.log(height(far) / height(near)) / np.log(far / near)
     return slope, slope + np.nan_to_num(rise, posinf=0.0, neginf=0.0)
 
 
-def _slope_at(x: float, places: Array, values: Array) -> float:
-    """Return the slope of a line fitted to noisy `values` (n,) at sorted `places` (n,) within about NEAR of x."""
-    distance = np.abs(places - x)
-    weight = np.maximum(1.0 - distance / max(NEAR, np.sort(distance)[: FEWEST + 1][-1]), 0.0)
-    middle = np.average(places, weights=weight)
-    return float((weight * (places - middle)) @ values / (weight @ (places - middle) ** 2))
+def _slope_at(x: float, points: Array, values: Array) -> float:
+    """Return the slope at `x` of noisy `values` (n,) at sorted `points` (n,), from a weighted fit of a line.
+
+    Points farther than FIT_RANGE from x do not count, unless MIN_RINGS points need a larger range.
+    """
+    distance = np.abs(points - x)
+    weight = np.maximum(1.0 - distance / max(FIT_RANGE, np.sort(distance)[: MIN_RINGS + 1][-1]), 0.0)
+    middle = np.average(points, weights=weight)
+    return float((weight * (points - middle)) @ values / (weight @ (points - middle) ** 2))
 
 
 def surface_density(scene: Scene, r: Array) -> Array:
-    return scale(scene) * shape(scene.initial, r)
+    """Return Sigma (n,) of the initial disc at radius `r` (n,)."""
+    return sigma_ref(scene) * relative_density(scene.initial, r)
 
 
 def pressure_acceleration(scene: Scene, r: Array) -> Array:
     """Return -(1/Sigma) dP/dr (n,) of the gas at radius `r` (n,), without the jumps of Sigma at the edges.
 
-    The force of a taper is limited to that of a Sigma that changes over a length H = c_s/Omega. No rotation balances a
-    steeper taper, and its gas spreads.
+    The force of a taper is limited to the force of a Sigma that changes over a length H = c_s/Omega. No rotation
+    balances a steeper taper, and the gas of a steeper taper spreads.
     """
     start: Any = scene.initial
     speed2 = sound_speed(scene, r, surface_density(scene, r)) ** 2

@@ -16,15 +16,15 @@ if TYPE_CHECKING:
 
 
 def pull_share(scene: Scene) -> np.ndarray:
-    """Return 1 - beta (populations,), by which the star's pull on each dust population is multiplied."""
+    """Return the factor 1 - beta (populations,) of the star's pull on each dust population."""
     count = len(scene.dust or ())
     if scene.radiation_pressure is None:
         return np.ones(count)
     return np.ones(count) - np.broadcast_to(np.array(scene.radiation_pressure.beta), count)
 
 
-def pushes(scene: Scene, r: np.ndarray, keplerian: np.ndarray) -> np.ndarray | None:
-    """Return the radiation force per mass f on each population as a velocity r f / v (populations, n).
+def radiation_velocities(scene: Scene, r: np.ndarray, keplerian: np.ndarray) -> np.ndarray | None:
+    """Return the radiation force per mass f on each population as the velocity r f / v (populations, n).
 
     r (n,): radii. keplerian (n,): Keplerian velocity v. About a single star the result is beta v. Only the star
     radiates, even if the central mass includes companions. Returns None without radiation pressure.
@@ -34,13 +34,13 @@ def pushes(scene: Scene, r: np.ndarray, keplerian: np.ndarray) -> np.ndarray | N
     return (1.0 - pull_share(scene))[:, None] * r * star_pull(scene, r) / keplerian
 
 
-def lag(scene: Scene, species: np.ndarray, r: np.ndarray, keplerian: np.ndarray) -> np.ndarray:
-    """Return the difference (n,) of the circular velocity of grains without drag and the Keplerian velocity.
+def circular_minus_keplerian(scene: Scene, species: np.ndarray, r: np.ndarray, keplerian: np.ndarray) -> np.ndarray:
+    """Return the circular velocity of grains without drag, minus the Keplerian velocity (n,).
 
-    species (n,): populations of the grains. r (n,): radii. keplerian (n,): Keplerian velocity. The difference is
-    negative. Grains that radiation expels have the circular velocity 0.
+    species (n,): populations of the grains. r (n,): radii. keplerian (n,): Keplerian velocity. The result is negative,
+    as radiation pressure reduces gravity. Grains that radiation expels have the circular velocity 0.
     """
-    found = pushes(scene, r, keplerian)
+    found = radiation_velocities(scene, r, keplerian)
     assert found is not None
     own = found[species, np.arange(len(r))]
     return np.sqrt(np.maximum(keplerian * (keplerian - own), 0.0)) - keplerian

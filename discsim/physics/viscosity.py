@@ -16,7 +16,7 @@ The gas has two numerical viscosities in addition. The artificial viscosity acts
     nu    = 3/16 alpha_sph <q> c_s h + beta <q^2> S h^2 / (6 pi)                   (5)
 
 with the kernel-weighted means <q> and <q^2> of q = r / h in uniform gas, and the shear S = 3 Omega / 2 of a disc. The
-linear term is that for viscosity between all pairs; it is half as large if only approaching pairs have viscosity.
+linear term holds for viscosity between all pairs; it is half as large if only approaching pairs have viscosity.
 Balsara's switch reduces (5) to a quarter. Reconstructed velocities have no jump in smooth shear, so that (5) is 0.
 Particle noise has a viscosity of 0.014 to 0.034 c_s h, depending on the kernel, times (36 / N)^1.1 for N neighbours; in
 quiet gas it is multiplied by (1.03 - share) 10 / time, with these keys of gas.quiet. The numbers are fits to results of
@@ -35,7 +35,7 @@ from discsim.physics import profile
 from discsim.physics.centre import kepler_omega
 
 if TYPE_CHECKING:
-    from discsim.physics.local import Local
+    from discsim.physics.local import GasSamples
     from discsim.scene import Scene
 
 Array = np.ndarray
@@ -44,10 +44,8 @@ STEP = 1e-4  # step in ln r of the fourth-order finite differences in (4)
 # disordered ones up to 14. The largest Courant factor, 0.72 (`scene/rules.py`), raises the constant to 25.
 STEP_CONSTANT = 18.0
 BALSARA_FACTOR = 0.25  # factor of Balsara's switch in shear
-NOISE_NEIGHBOURS, NOISE_POWER = (
-    36.0,
-    1.1,
-)  # number of neighbours to which `Smoothing.noise` refers, and exponent of its decrease
+# Number of neighbours to which `Smoothing.noise` refers, and exponent of its decrease with this number.
+NOISE_NEIGHBOURS, NOISE_POWER = 36.0, 1.1
 QUIET_NOISE, QUIET_TIME = 0.03, 10.0  # quiet gas: fraction of noise left at share = 1, for time = QUIET_TIME
 
 
@@ -72,22 +70,22 @@ def alpha(scene: Scene, r: Array) -> Array:
 
 
 def reference_radius(scene: Scene) -> float:
-    """Return r_0 of eq. (2): the reference radius of the start; 1 if it has none or the caller gave particles."""
+    """Return r_0 of eq. (2), the reference radius of the start. Starts without one and given particles have r_0 = 1."""
     return getattr(scene.initial, "reference_radius", 1.0)
 
 
 def diffusivity(scene: Scene, r: Array, thermal_speed: Array | None = None, central_mass: float | None = None) -> Array:
     """Return nu (n,) at radii `r` (n,) in code units, eq. (1).
 
-    thermal_speed (n,): c_s of the gas, by default that of the scene's initial temperature; polytropic particles have no
-    default. central_mass: by default the initial one.
+    thermal_speed (n,): c_s of the gas, by default from the scene's initial temperature; polytropic SPH gas has no
+    default. central_mass: central mass, by default the initial one.
     """
     keys: Any = scene.table("alpha_viscosity")
     if keys.nu is not None:
         return np.full(np.shape(r), keys.nu)
     r = np.maximum(r, 1e-300)
     if thermal_speed is None:
-        thermal_speed = profile.thermal_speed(scene, r)
+        thermal_speed = profile.initial_thermal_speed(scene, r)
     return alpha(scene, r) * thermal_speed**2 / kepler_omega(scene, r, central_mass)
 
 
@@ -99,13 +97,13 @@ def radial_flow(
 ) -> Array:
     """Return the radial velocity (n,) of a viscous disc at radii `r` (n,), eq. (4); Sigma must not be 0.
 
-    surface_density, thermal_speed: return these quantities (n,) at radii (n,). They must be smooth: the relative error
-    of the derivative is about (STEP r / l)^4 if they vary over a length l.
+    surface_density, thermal_speed: functions that return these quantities (n,) at radii (n,). Both must be smooth: the
+    relative error of the derivative is about (STEP r / l)^4 if they vary over a length l.
     """
 
     def torque(radius: Array) -> Array:
         sigma = surface_density(radius)
-        speed = profile.thermal_speed(scene, radius, sigma) if thermal_speed is None else thermal_speed(radius)
+        speed = profile.initial_thermal_speed(scene, radius, sigma) if thermal_speed is None else thermal_speed(radius)
         return diffusivity(scene, radius, speed) * sigma * np.sqrt(radius)
 
     near, far = (torque(r * np.exp(step)) - torque(r * np.exp(-step)) for step in (STEP, 2.0 * STEP))
@@ -120,39 +118,38 @@ def longest_step(scene: Scene, nu: Array, h: Array) -> Array:
         return h * h / (STEP_CONSTANT * central * nu)
 
 
-def at_places(scene: Scene, radius: Array | None, thermal_speed: Array | None, h: Array) -> Array | None:
+def at_places(scene: Scene, radius: Array | None, thermal_speed: Array | None, like: Array) -> Array | None:
     """Return nu (n,) at points with `radius` (n,) and `thermal_speed` (n,).
 
-    h (n,): any array with a value for each point, for the length of the result. Returns None if the scene has no
+    like (n,): any array with a value for each point, for the length of the result. Returns None if the scene has no
     viscosity, or nu needs a radius or thermal speed that is None.
     """
     keys: Any = scene.table("alpha_viscosity")
     if keys is None or (keys.nu is None and (radius is None or thermal_speed is None)):
         return None
-    return diffusivity(scene, np.ones_like(h) if radius is None else radius, thermal_speed)
+    return diffusivity(scene, np.ones_like(like) if radius is None else radius, thermal_speed)
 
 
-def artificial(scene: Scene, at: Local) -> Array:
-    """Return nu (n,) of the artificial viscosity at the points of `at`, eq. (5); only its first term without Omega."""
-    given, kernel = scene.gas.viscosity, SMOOTHING[scene.gas.kernel]
-    if given is None or not given.acts_in_shear or at.h is None or at.sound_speed is None:
+def artificial(scene: Scene, at: GasSamples) -> Array:
+    """Return nu (n,) of the artificial viscosity at the points of `at`, eq. (5).
+
+    Gas without orbital frequencies has only the first term.
+    """
+    keys, kernel = scene.gas.viscosity, SMOOTHING[scene.gas.kernel]
+    if keys is None or not keys.acts_in_shear or at.h is None or at.sound_speed is None:
         return np.zeros_like(at.density)
-    found = 3.0 / 16.0 * given.alpha * kernel.mean_q[0] * at.sound_speed * at.h * (1.0 if given.pairs == "all" else 0.5)
+    found = 3.0 / 16.0 * keys.alpha * kernel.mean_q[0] * at.sound_speed * at.h * (1.0 if keys.pairs == "all" else 0.5)
     if at.omega is not None:
-        found = found + given.beta * kernel.mean_q[1] * 1.5 * at.omega * at.h**2 / (6.0 * np.pi)
-    return BALSARA_FACTOR * found if given.switch == "balsara" else found
+        found = found + keys.beta * kernel.mean_q[1] * 1.5 * at.omega * at.h**2 / (6.0 * np.pi)
+    return BALSARA_FACTOR * found if keys.switch == "balsara" else found
 
 
-def noise(scene: Scene, at: Local) -> Array:
+def noise(scene: Scene, at: GasSamples) -> Array:
     """Estimate nu (n,) of particle noise in a disc at the points of `at`."""
     if at.resolution is None or at.thermal_speed is None:
         return np.zeros_like(at.density)
     kernel = SMOOTHING[scene.gas.kernel]
-    found = (
-        kernel.noise
-        * (NOISE_NEIGHBOURS / kernel.neighbours(scene.gas.eta)) ** NOISE_POWER
-        * at.thermal_speed
-        * at.resolution
-    )
+    strength = kernel.noise * (NOISE_NEIGHBOURS / kernel.neighbours(scene.gas.eta)) ** NOISE_POWER
+    found = strength * at.thermal_speed * at.resolution
     quiet = scene.gas.quiet
     return found if quiet is None else found * min(1.0, (1.0 + QUIET_NOISE - quiet.share) * QUIET_TIME / quiet.time)

@@ -29,7 +29,7 @@ from discsim.drag.width import drift_error
 from discsim.initial import start_of, start_time
 from discsim.parts import USUAL_SCHEME, Lazy
 from discsim.physics import viscosity
-from discsim.physics.local import Local
+from discsim.physics.local import GasSamples
 from discsim.preview import stored_runs
 from discsim.preview.derived import drag_cell_sides, local
 from discsim.scene import Scene
@@ -57,7 +57,7 @@ def _measured_rows(scene: Scene) -> Iterator[tuple[str, str]]:
             yield f"measured error ({known['measure']})", f"{error:.2g}%, in {cpu:.3g} s of CPU"
 
 
-def _disc_rows(scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
+def _disc_rows(scene: Scene, at: GasSamples) -> Iterator[tuple[str, str]]:
     if at.scale_height is None or at.resolution is None or scene.gas is None or at.omega is None:
         return
     by_mass, below = at.by_mass()
@@ -74,7 +74,7 @@ def _disc_rows(scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
     yield from _drag_rows(scene, at)
 
 
-def _drag_rows(scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
+def _drag_rows(scene: Scene, at: GasSamples) -> Iterator[tuple[str, str]]:
     sides = drag_cell_sides(scene, at)
     if sides is None or scene.drag is None or scene.drag.scheme != USUAL_SCHEME:
         return
@@ -87,7 +87,7 @@ def _drag_rows(scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
         yield "error of the dust drift", f"100% or more at St = 0.01, {where}"
 
 
-def _gravity_rows(scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
+def _gravity_rows(scene: Scene, at: GasSamples) -> Iterator[tuple[str, str]]:
     if scene.self_gravity is not None and at.cell and scene.space.dimensions == 2:
         length = self_gravity.kernel_length(scene)
         yield "error of self-gravity, up to", f"{0.003 * (2.0 * at.cell / length) ** 2:.1g} of the force, from the grid"

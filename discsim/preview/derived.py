@@ -25,7 +25,7 @@ from discsim.physics import laws, profile, viscosity
 from discsim.physics.centre import kepler_omega
 from discsim.physics.eos import eos_of
 from discsim.physics.grains import has_sizes, typical_size
-from discsim.physics.local import Local, longest_step, resolution
+from discsim.physics.local import GasSamples, longest_step, resolution
 from discsim.scene import Scene
 from discsim.scene.units import Units
 
@@ -37,12 +37,12 @@ drag_width = Lazy("discsim.drag.width")
 Array = np.ndarray
 
 
-def local(scene: Scene) -> Local:
+def local(scene: Scene) -> GasSamples:
     """Return the properties of the gas at the sample points of the scene's start."""
     return local_at(scene, start_of(scene).places(scene))
 
 
-def local_at(scene: Scene, places: Places) -> Local:
+def local_at(scene: Scene, places: Places) -> GasSamples:
     """Return the properties of the gas at the sample points `places`.
 
     With [background], densities are those of the prescribed disc.
@@ -62,14 +62,14 @@ def local_at(scene: Scene, places: Places) -> Local:
     particle_mass = gas_mass(scene) / particle_count(scene, scene.gas) if scene.gas else None
     relative = np.ones_like(density) if places.relative_mass is None else places.relative_mass
     found = grid(scene)
-    at = Local(
+    at = GasSamples(
         places.names, radius, density, sound, thermal, omega, h, fine, step, partial(_resolution_by_mass, scene),
         lambda: _drag_cells(scene, at), relative, particle_mass, found[0] if found else None, places.jump,
     )  # fmt: skip
     return at
 
 
-def _drag_cells(scene: Scene, at: Local) -> tuple[Array, Array, Array] | None:
+def _drag_cells(scene: Scene, at: GasSamples) -> tuple[Array, Array, Array] | None:
     side = drag_cell_sides(scene, at)
     return None if side is None else (side, *drag_cell_counts(scene, at, side))
 
@@ -93,7 +93,7 @@ def dust_masses(scene: Scene) -> list[float]:
     return [dust.ratio * start_of(scene).mass(scene, dust) for dust in scene.dust or ()]
 
 
-def stopping_times(scene: Scene, at: Local) -> list[Array]:
+def stopping_times(scene: Scene, at: GasSamples) -> list[Array]:
     """Return the stopping times (n,) of each dust population at the sample points `at`.
 
     The list is empty if the scene defines no stopping times.
@@ -145,7 +145,7 @@ def _mass_rows(scene: Scene) -> Iterator[tuple[str, str]]:
             yield f"mass of a dust particle{which}", scene.units.show(mass / particle_count(scene, dust), name)
 
 
-def _orbit_rows(scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
+def _orbit_rows(scene: Scene, at: GasSamples) -> Iterator[tuple[str, str]]:
     if at.omega is None:
         return
     period = 2 * math.pi / at.omega
@@ -165,7 +165,7 @@ def _orbit_rows(scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
             )
 
 
-def _drag_rows(scene: Scene, at: Local) -> Iterator[tuple[str, str]]:
+def _drag_rows(scene: Scene, at: GasSamples) -> Iterator[tuple[str, str]]:
     times = stopping_times(scene, at)
     for i, time in enumerate(times):
         which, dust = f" {i}" if len(times) > 1 else "", scene.dust[i]
@@ -223,7 +223,7 @@ def particle_count(scene: Scene, species: Any) -> int:
     return math.prod(lattice.shape(scene.space.size, species.particles))
 
 
-def drag_cell_sides(scene: Scene, at: Local) -> Array | None:
+def drag_cell_sides(scene: Scene, at: GasSamples) -> Array | None:
     """Return the sides (n,) of drag cells at the sample points `at` at the start; None if drag has no cells.
 
     The side of a cell with too few particles is doubled once, if the upper limit of sides allows it. In a run such a
@@ -251,7 +251,7 @@ def drag_cell_sides(scene: Scene, at: Local) -> Array | None:
     return side
 
 
-def drag_cell_counts(scene: Scene, at: Local, side: Array) -> tuple[Array, Array]:
+def drag_cell_counts(scene: Scene, at: GasSamples, side: Array) -> tuple[Array, Array]:
     """Return the mean numbers (n,) of gas and of dust particles in drag cells at the sample points `at`.
 
     side (n,): side of the cell at each point.
@@ -266,7 +266,7 @@ def drag_cell_counts(scene: Scene, at: Local, side: Array) -> tuple[Array, Array
     return gas, dust
 
 
-def _is_within(population: Any, at: Local) -> Array | float:
+def _is_within(population: Any, at: GasSamples) -> Array | float:
     """Return 1 at sample points between the inner and outer radius of a population, else 0; 1 without radii."""
     if at.radius is None:
         return 1.0

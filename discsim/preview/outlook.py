@@ -18,7 +18,7 @@ from discsim.initial.base import Places
 from discsim.parts import Lazy
 from discsim.physics import companions
 from discsim.physics.eos import eos_of
-from discsim.physics.local import Local, Outlook
+from discsim.physics.local import ForecastState, GasSamples
 from discsim.preview.derived import dust_masses, gas_mass, local, local_at, particle_count, stopping_times
 from discsim.scene import Scene
 
@@ -45,7 +45,7 @@ class Outlooks:
         self.scene, self.start, self.begins = scene, start_of(scene), start_time(scene)
         self.places = self._sample_gas()
         self.gas = local_at(scene, self.places)
-        self.stars = [c for c in scene.table("companion") or () if companions.is_star(scene, c)]
+        self.stars = [c for c in scene.table("companion") or () if companions.is_second_star(scene, c)]
         self.inner, self.outer, self.speed, self.tenth = math.inf, 0.0, 0.0, 0.0
         self.radius, self.spacing = np.zeros(1), np.zeros(1)
         if scene.star is not None and self.start.edges is not None:
@@ -54,13 +54,13 @@ class Outlooks:
             self.outer = float(self.radius[-1])
             self.speed = self._edge_speed()
 
-    def at(self, time: float) -> Outlook:
+    def at(self, time: float) -> ForecastState:
         """Return the estimated state at `time`."""
         star, passed = self.scene.star, time - self.begins
         inner = self.inner - self.speed * passed
         if star is not None:
             inner = min(self.inner, max(inner, star.accretion_radius, MIN_EDGE_RADIUS * self.inner))
-        found = Outlook(time, passed, self._gas_at(time), inner, self.outer, inner, self._spacing_at)
+        found = ForecastState(time, passed, self._gas_at(time), inner, self.outer, inner, self._spacing_at)
         if star is not None and any(companions.particles_reach(self.scene, other, found) for other in self.stars):
             stream = star.accretion_radius + companions.SPACINGS_STREAM * self._spacing_at(star.accretion_radius)
             return replace(found, nearest=min(inner, stream))
@@ -70,7 +70,7 @@ class Outlooks:
         """Return the particle spacing at the radius `r`; inside the innermost 10% of particles, that at their edge."""
         return float(np.interp(max(r, self.tenth), self.radius, self.spacing))
 
-    def _gas_at(self, time: float) -> Local:
+    def _gas_at(self, time: float) -> GasSamples:
         if self.start.later is not None:
             return local_at(self.scene, self.start.later(self.scene, time))
         contrast = self._clump_contrast(time - self.begins)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from mpi4py import MPI
 
-from discsim.effects.base import to_sort
+from discsim.effects.base import is_sort_step
 from discsim.numerics.world import Fetched, Joined, Needed
 from discsim.ranks.agreed import raise_together
 from discsim.ranks.comm import Comm
@@ -69,10 +69,10 @@ class Ranks:
 
     def settle(self, state: State) -> None:
         self.forget()
-        if to_sort(state.step):
+        if is_sort_step(state.step):
             self.division.cut(state.species)
         self.division.settle(state.species)
-        if to_sort(state.step):
+        if is_sort_step(state.step):
             self._measure_balance(state)
 
     def corners(self, pos: Array, find: Callable[[Array], tuple[Array, Array]]) -> tuple[Array, Array]:

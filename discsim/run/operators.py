@@ -6,7 +6,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from discsim.effects.base import Effect, to_sort
+from discsim.effects.base import Effect, is_sort_step
 from discsim.numerics import world
 from discsim.numerics.operators import Slot
 from discsim.numerics.state import State
@@ -75,7 +75,7 @@ class Operators:
         world.processes.forget()
 
     def events(self) -> None:
-        if to_sort(self.state.step):
+        if is_sort_step(self.state.step):
             self._run_concurrently(Slot.SORT)
         self._run(Slot.EVENT)
 

@@ -7,7 +7,7 @@ an invalid table, which has messages of its own.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
@@ -188,11 +188,8 @@ def _gas_of_the_start(draft: Draft) -> Iterator[Problem]:
     if not draft.has("gas"):
         yield ("initial", "kind"), f'"{draft.kind}" needs gas; expected a table [gas] too'
     elif draft.gas and draft.eos_kind not in allowed:
-        words = " or ".join(f'"{kind}"' for kind in allowed)
-        yield (
-            ("gas", "eos", "kind"),
-            f'"{draft.eos_kind}" is not possible with initial.kind = "{draft.kind}"; expected {words}',
-        )
+        wrong = f'"{draft.eos_kind}" is not possible with initial.kind = "{draft.kind}"'
+        yield ("gas", "eos", "kind"), f"{wrong}; expected {quoted(allowed)}"
 
 
 def _size_for_the_start(draft: Draft) -> Iterator[Problem]:
@@ -206,6 +203,21 @@ def _size_for_the_start(draft: Draft) -> Iterator[Problem]:
         share = half / length
         of = f"{reach:g} initial.{key}" if reach > 1 else f"initial.{key}"
         yield ("space", "size"), f"the space is too small: half a side is {share:.3g} times {of}; expected at least 1"
+
+
+def quoted(names: Iterable[str]) -> str:
+    """Return names in quotes, joined by "or"."""
+    return " or ".join(f'"{name}"' for name in names)
+
+
+def missing_tables(draft: Draft, where: tuple[str | int, ...], reasons: Mapping[str, str]) -> Iterator[Problem]:
+    """Yield a fault at the key `where` for each table that the scene lacks.
+
+    reasons: why each table is needed, as text by the name of the table.
+    """
+    for table, reason in reasons.items():
+        if not draft.has(table):
+            yield where, f"{reason}; expected a table [{table}] too"
 
 
 def kinds(which: Callable[[Start], Any]) -> list[str]:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from discsim import Simulation
-from discsim.effects.stopping import stopping_columns
+from discsim.effects.drag_base import stopping_columns
 from discsim.exact import riemann, sheet
 from discsim.numerics.state import State
 from discsim.physics.eos import eos_of, pressure_and_sound_speed

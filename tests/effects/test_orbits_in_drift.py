@@ -7,7 +7,7 @@ import pytest
 
 from discsim import Simulation, load_scene
 from discsim.exact import kepler
-from discsim.physics.orbits import in_drift, step_of_circle, velocities_turn
+from discsim.physics.orbits import drift_rotates_velocities, in_drift, step_of_circle
 
 STAR = 1.7
 
@@ -161,7 +161,7 @@ MOVES = {
 def test_orbits_are_in_the_drift_where_no_momentum_is_exchanged(name):
     tables, drifts = MOVES[name]
     found = load_scene(gas_disc() | tables)
-    assert in_drift(found) == velocities_turn(found) == drifts
+    assert in_drift(found) == drift_rotates_velocities(found) == drifts
     assert step_of_circle(found) == (1.0 if drifts else 0.5)
 
 
@@ -174,7 +174,7 @@ def test_grains_in_a_given_disc_drift_by_themselves():
         "drag": {"law": "epstein", "direction": "one-way"},
     }
     found = load_scene(held)
-    assert not in_drift(found) and velocities_turn(found) and step_of_circle(found) == 1.0
+    assert not in_drift(found) and drift_rotates_velocities(found) and step_of_circle(found) == 1.0
 
 
 def test_particles_that_are_held_stay_where_they_are():

@@ -6,7 +6,7 @@ from runs import on_threads, state_bits
 from scenes import problems
 
 from discsim import SceneError, Simulation
-from discsim.effects.quiet import Disc
+from discsim.effects.quiet import QuietDisc
 from discsim.kernels.sph.quiet import follow
 from discsim.numerics.operators import accelerate
 from discsim.run.forces import acceleration_of
@@ -145,7 +145,7 @@ def test_the_push_is_the_share_of_the_pull_of_a_smooth_disc():
     sim = Simulation(disc({"share": 0.4, "guard": 0.6}, gas={"particles": MANY}))
     sim.step(1e-6)
     gas, effect = sim.gas, sim.effects["gas"]
-    pressure, push, _ = effect.quiet.split(sim.state)
+    pressure, push, _ = effect.quiet.pair_pressure(sim.state)
     inside = within(gas)
     r = np.hypot(*gas.pos.T)
     radial = (push * gas.pos).sum(axis=1) / r
@@ -167,7 +167,7 @@ def test_the_guard_lowers_the_share_by_the_scatter_of_the_density():
     smooth = gas.pressure / gas.sound_speed**2
     gas.pressure *= factor
     gas.followed *= factor
-    pressure, _, _ = sim.effects["gas"].quiet.split(sim.state)
+    pressure, _, _ = sim.effects["gas"].quiet.pair_pressure(sim.state)
     inside = within(gas)
     taken = (gas.pressure - pressure)[inside] / (smooth * gas.sound_speed**2)[inside]
     assert taken.mean() == pytest.approx(1.0 - 2.0 * np.log(1.4), rel=0.12)  # edges and what rings have by themselves
@@ -243,7 +243,7 @@ def test_a_particle_beyond_all_rings_is_left_alone():
     far.pos[np.argmax(np.hypot(*far.pos.T))] = 1e12, 0.0
     for sim in sims:
         sim.step(1e-9)
-    pushes = [sim.effects["gas"].quiet.split(sim.state)[1][np.argsort(sim.gas.ids)] for sim in sims]
+    pushes = [sim.effects["gas"].quiet.pair_pressure(sim.state)[1][np.argsort(sim.gas.ids)] for sim in sims]
     inside = within(sims[0].gas)[np.argsort(sims[0].gas.ids)]
     np.testing.assert_allclose(pushes[1][inside], pushes[0][inside], rtol=1e-3, atol=1e-9)
     assert np.isfinite(pushes[1]).all()
@@ -320,7 +320,7 @@ def test_a_guard_leaves_a_box_its_pressure():
     gas, effect = sim.gas, sim.effects["gas"]
     gas.density[:] = 0.7 * np.where(gas.ids // 10 % 2 == 0, 1.3, 1.0 / 1.3)
     gas.pressure[:], gas.sound_speed[:] = 0.09 * gas.density, 0.3
-    with effect.quiet.pressure_of_pairs(sim.state, effect.sph) as pressure:
+    with effect.quiet.split_pressure(sim.state, effect.sph) as pressure:
         taken = gas.pressure - pressure
     np.testing.assert_allclose(taken, 0.09 * 0.7 * (1.0 - 2.5 * np.log(1.3)), rtol=1e-12)
 
@@ -346,12 +346,12 @@ def test_quiet_gas_has_a_kernel_and_a_viscosity_of_its_own_unless_they_are_named
 def test_rings_are_four_tenths_of_a_scale_height_wide(index):
     """In discs of any flaring; places and radii are each other's inverse."""
     eos = {"kind": "locally-isothermal", "aspect_ratio": 0.11, "temperature_index": index, "reference_radius": 2.0}
-    rings = Disc(load_scene(disc(gas={**GAS, "eos": eos})))
+    rings = QuietDisc(load_scene(disc(gas={**GAS, "eos": eos})))
     r = np.array([1.3, 2.0, 3.7])
     places = rings._ring_coordinates(r)
-    np.testing.assert_allclose(rings._radii_of_rings(places), r, rtol=1e-12)
+    np.testing.assert_allclose(rings._ring_radii(places), r, rtol=1e-12)
     height = 0.11 * r * (r / 2.0) ** (0.5 * (1.0 - index))
-    width = (rings._radii_of_rings(places + 1e-4) - rings._radii_of_rings(places - 1e-4)) / 2e-4
+    width = (rings._ring_radii(places + 1e-4) - rings._ring_radii(places - 1e-4)) / 2e-4
     np.testing.assert_allclose(width, 0.4 * height, rtol=1e-6)
 
 

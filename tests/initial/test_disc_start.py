@@ -218,7 +218,7 @@ def test_the_least_toomre_q_of_any_gas(eos, sound):
             "star": {"mass": 1.0},
         }
     )
-    r = profile.radii(scene.initial)
+    r = profile.sample_radii(scene.initial)
     sigma = profile.surface_density(scene, r)
     assert (sound(r, sigma) * r**-1.5 / (np.pi * sigma)).min() == pytest.approx(1.7, rel=1e-9)  # a formula: to rounding
 

@@ -164,7 +164,7 @@ RULES = [
         {"dust": None, "drag": None, "self_gravity": {"softening": 1, "sources": ["dust"]}},
         'self_gravity.sources: "dust" is listed, but there is no*',
     ),
-    ({"self_gravity": {"softening": 1, "sources": ["gas", "gas"]}}, "self_gravity.sources: a source occurs twice*"),
+    ({"self_gravity": {"softening": 1, "sources": ["gas", "gas"]}}, "self_gravity.sources: a name occurs twice*"),
     ({"self_gravity": {}}, 'self_gravity.softening: missing, but kernel "plummer" needs it'),
     ({"self_gravity": {"kernel": "thin-disc"}}, 'self_gravity.thickness: missing, but kernel "thin-disc" needs it'),
     ({"self_gravity": {"kernel": "thin"}}, 'self_gravity.kernel: "thin" is unknown;* mean "thin-disc"?'),

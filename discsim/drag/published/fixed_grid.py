@@ -28,7 +28,7 @@ def _tables(draft: Draft) -> Iterator[Problem]:
     for key in OF_SPH:
         if draft.gives("gas", key):
             yield ("gas", key), f"{scheme} has no SPH particles; remove this key"
-    if draft.drag.supersonic or LAWS[draft.drag.law].by_column:
+    if draft.drag.supersonic or LAWS[draft.drag.law].needs_mean_free_path:
         key = "supersonic" if draft.drag.supersonic else "law"
         yield ("drag", key), f"{scheme} allows only drag linear in velocity; expected another law"
     if draft.drag.direction != "two-way":
