@@ -188,7 +188,7 @@ class Engine:
         if wanted is None:
             h_least = world.processes.least(float(lengths.min(initial=np.inf)))
             wanted = of_scheme.leaf(scene, number, lambda: float(np.exp(mean(np.log(lengths)))), h_least)
-        lattice = cells.lattice_on(state.grid, self.dim, self.width.rounded * wanted, gas.everywhere)
+        lattice = cells.lattice_on(state.grid, self.dim, self.width.rounded * wanted, gas.global_count)
         # With drag.cell_length a leaf already has the target side; otherwise leaves are merged up to the target side.
         return CellRule(
             self.dim, self.classes.number, lattice, lengths, of_scheme.share * number, lattice.side if length else 0.0,

@@ -75,7 +75,7 @@ def frame_of(species: Mapping[str, Any], mass: float, softening: float, samples:
 
 def _sample(samples: Samples, name: str, particles: Any) -> Array:
     """Return the indices of the sampled particles of a species, from `samples` if they are still valid there."""
-    ids, count = particles.ids, particles.everywhere
+    ids, count = particles.ids, particles.global_count
     every = 1 << max(0, -(-count // SAMPLE) - 1).bit_length()
     known = samples.get(name, Sample(NO_ROWS, 0, NO_ROWS, 0))
     if _only_unsorted_changed(known, ids, every):

@@ -54,7 +54,7 @@ def accrete(state: State, number: int, name: str, gone: np.ndarray, masses: Accr
     bodies.accreted[number, SPECIES.index(name)] += masses.own
     if masses.small > 0.0:
         bodies.accreted[number, SPECIES.index("dust")] += masses.small
-    if not grows or (name == "dust" and state.unnoticed):
+    if not grows or (name == "dust" and state.dust_is_passive):
         return
     after = bodies.mass[number] + masses.mass
     if moves:

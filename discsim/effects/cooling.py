@@ -90,7 +90,7 @@ def _temperature_problems(draft: Draft) -> Iterator[Problem]:
 
 
 class Effect(base.Effect):
-    """Cooling of the gas, as part of the kick of its energy: `state.cooled` is set to the method `cooled`."""
+    """Cooling of the gas. The kick of its energy calls the method `cooled_energy`, as `state.cooled_energy`."""
 
     keys = Keys
     rules = (_energy_equation_problems, _key_problems, _star_problems, _temperature_problems)
@@ -101,13 +101,13 @@ class Effect(base.Effect):
         self.target = physics.target_energy_law(scene)
         self.radiation = physics.radiative_constants(scene) if self.own.kind == "radiative" else np.empty(0)
         self.state = state
-        state.cooled = self.cooled
+        state.cooled_energy = self.cooled_energy
 
     @classmethod
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
         return NANOSECONDS[scene.cooling.kind] * counts.gas
 
-    def cooled(self, gas: Gas, dt: float) -> np.ndarray:
+    def cooled_energy(self, gas: Gas, dt: float) -> np.ndarray:
         """Return the specific energies (n,) of the gas after dt of cooling and of heating at the rate `gas.kick_rate`.
 
         The gas itself does not change. Immobile gas keeps its energy.

@@ -109,7 +109,7 @@ class Effect(base.Effect):
 
     def operate(self, state: State, dt: float) -> None:
         """Damp velocities of gas and dust over dt, and record the lost momenta in the ledger."""
-        ahead = 0.0 if self.scene.model.given is not None else -state.lag
+        ahead = 0.0 if self.scene.model.given is not None else -state.velocity_lag
         zones = self.zones._replace(star=state.central_mass)  # a growing star speeds up circular orbits
         for name, p in state.species.items():
             row = 0 if name == "gas" else int(state.gas is not None)  # of v*; the first row of the species

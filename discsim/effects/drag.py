@@ -225,4 +225,4 @@ class Effect(DragEffect):
 
 def _both_present(state: State | base.View) -> bool:
     """Return whether gas and dust are left, counted over all processes."""
-    return state.gas.everywhere > 0 and state.dust.everywhere > 0
+    return state.gas.global_count > 0 and state.dust.global_count > 0

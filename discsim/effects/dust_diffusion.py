@@ -132,7 +132,7 @@ class Effect(base.Effect):
     def move(self, state: State, dt: float) -> None:
         """Move the dust by the random walk over dt, in substeps."""
         dust = state.dust
-        if dust.everywhere == 0 or (state.gas is not None and state.gas.everywhere == 0):
+        if dust.global_count == 0 or (state.gas is not None and state.gas.global_count == 0):
             return
         norm, strength = np.empty((2, dust.count))
         drift, centre = np.empty_like(dust.pos), base.centre_of_disc(state)
@@ -152,7 +152,7 @@ class Effect(base.Effect):
                 steps = _substeps(2.0 * float(world.processes.most(steepest)) * dt / LONGEST_WALK**2)
             if dust.immobile is not None:
                 strength[dust.immobile] = 0.0
-            lag = 0.0 if drift_rotates_velocities(self.scene) else state.lag + dt
+            lag = 0.0 if drift_rotates_velocities(self.scene) else state.velocity_lag + dt
             self._walk(state, sampler, gas, strength, drift, dt / steps, lag, count * MOST_SUBSTEPS + done)
             done += 1
 
@@ -175,7 +175,7 @@ class Effect(base.Effect):
         """
         dust, centre, star = state.dust, base.centre_of_disc(state), state.central
         circles = kernels.Circles(*star, lag, centre)
-        two_way = star[0] > 0.0 and state.gas is not None and self.drag is not None and not state.unnoticed
+        two_way = star[0] > 0.0 and state.gas is not None and self.drag is not None and not state.dust_is_passive
         gained = np.empty(dust.count if two_way else 0)
         before = copied(dust.pos) if two_way else dust.pos
         parallel_for(

@@ -197,7 +197,7 @@ class Effect(base.Effect):
     def find_density(self, view: base.View) -> tuple[np.ndarray, np.ndarray | None] | None:
         """Compute densities, and return velocities and energies from `predicted`; None if the run has no gas left."""
         gas = view.gas
-        if gas.everywhere == 0:  # all gas is accreted
+        if gas.global_count == 0:  # all gas is accreted
             return None
         vel, u = self.predicted(view)
         if gas.h_before is not None:
@@ -260,8 +260,8 @@ class Effect(base.Effect):
         gas, vel = state.gas, state.gas.vel
         if gas.kick_acc is not None:
             vel = alloc.allocate_like(gas.vel)
-            parallel_for(moves.sum_scaled, gas.count, gas.vel, gas.kick_acc, state.lag, vel, light=True)
-        return vel, None if gas.u is None else _energy_after(state, state.lag)
+            parallel_for(moves.sum_scaled, gas.count, gas.vel, gas.kick_acc, state.velocity_lag, vel, light=True)
+        return vel, None if gas.u is None else _energy_after(state, state.velocity_lag)
 
     def viscous_acceleration(self, state: State) -> np.ndarray:
         """Return the acceleration (n, d) by artificial viscosity and, with [alpha_viscosity], by shear viscosity."""
@@ -279,7 +279,7 @@ class Effect(base.Effect):
         base.drift(self.scene, state.gas, dt, self.central_masses)
 
     def sort(self, state: State) -> None:
-        if state.gas.everywhere > 0:
+        if state.gas.global_count > 0:
             state.gas.sort(*self.sph.keys(state.gas))
 
 
@@ -306,4 +306,4 @@ def kick_energy(state: State, dt: float) -> None:
 def _energy_after(state: State | base.View, dt: float) -> np.ndarray:
     """Return the specific energies (n,) of the gas after dt of heating at the rate `kick_rate` and of cooling."""
     gas = state.gas
-    return gas.u + dt * gas.kick_rate if state.cooled is None else state.cooled(gas, dt)
+    return gas.u + dt * gas.kick_rate if state.cooled_energy is None else state.cooled_energy(gas, dt)

@@ -152,5 +152,5 @@ class Drag(DragEffect):
         p = state.dust
         times = np.empty(p.count)
         row, disc = self._rows_and_disc(state.central_mass, p.species, p.size)
-        parallel_for(kernels.kick_dust, p.count, p.pos, vel, p.acc, row, disc, state.lag, dt, times)
+        parallel_for(kernels.kick_dust, p.count, p.pos, vel, p.acc, row, disc, state.velocity_lag, dt, times)
         return times

@@ -26,7 +26,7 @@ from discsim.effects import base
 from discsim.effects.dust import laws_of_grains, schemes_with_sizes
 from discsim.formulas.smoothing import SMOOTHING
 from discsim.numerics import world
-from discsim.numerics.state import Pace, State
+from discsim.numerics.state import State, SubcycleClock
 from discsim.numerics.threads import parallel_for
 from discsim.parts import LAWS, SCHEMES, Lazy
 from discsim.physics import growth
@@ -163,7 +163,7 @@ class Effect(base.Effect):
             float(law.typical[0]), law.code, law.grains[0],
             growth.SEED * all_dust / state.dust.count,
         )  # fmt: skip
-        state.pace = Pace()
+        state.subcycle_clock = SubcycleClock()
 
     @classmethod
     def report(cls, scene: Scene, at: base.GasSamples) -> base.Report:
@@ -182,13 +182,13 @@ class Effect(base.Effect):
 
     def move(self, state: State, dt: float) -> None:
         """Advance the clock of the applications by dt."""
-        state.pace = Pace(state.pace.since + dt, state.pace.rate)
+        state.subcycle_clock = SubcycleClock(state.subcycle_clock.since + dt, state.subcycle_clock.rate)
 
     def event(self, state: State) -> None:
         """Apply growth if sizes may have changed enough since the last application."""
-        since, rate = state.pace
-        if since * rate >= GROWTH_STEP and state.gas.everywhere > 0 and state.dust.everywhere > 0:
-            state.pace = Pace(rate=self._grow(state, since))
+        since, rate = state.subcycle_clock
+        if since * rate >= GROWTH_STEP and state.gas.global_count > 0 and state.dust.global_count > 0:
+            state.subcycle_clock = SubcycleClock(rate=self._grow(state, since))
 
     def _grow(self, state: State, dt: float) -> float:
         """Apply growth over dt to sizes, masses and velocities; return the rate that sets the next application's time.

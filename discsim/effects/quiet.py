@@ -99,7 +99,7 @@ class QuietPlane:
         assert gas is not None
         logs = np.log(gas.density)
         mean, first, second = totals(np.column_stack([gas.mass, logs, logs * logs])) / np.array([self.area, 1.0, 1.0])
-        number = gas.everywhere
+        number = gas.global_count
         scatter = np.sqrt(max(second / number - (first / number) ** 2, 0.0))
         fraction = min(max(1.0 - self.keys.guard * scatter, 0.0), self.keys.share)
         yield gas.pressure - fraction * mean * gas.sound_speed**2
@@ -187,7 +187,7 @@ class QuietDisc:
         mass = gas.mass * density / gas.followed
         log = float(np.abs(np.log(density * r)).max(initial=0.0))
         most = world.processes.most(np.array([mass.max(initial=0.0), 1.0, log, log * log]))
-        units = 2.0 ** (BITS - np.ceil(np.log2(gas.everywhere + 1.0)) - np.frexp(most)[1])
+        units = 2.0 ** (BITS - np.ceil(np.log2(gas.global_count + 1.0)) - np.frexp(most)[1])
         found = parallel_for(kernels.ring_sums, gas.count, count, at, mass, density, r, units, light=True)
         sums = world.processes.sum(sum(found)) / units[:, None]
         for _ in range(2):

@@ -39,9 +39,10 @@ class Slot(Enum):
 
     Operators of DRIFT, and those of SORT, may run at the same time, so they must not use other species.
 
-    Operators of AROUND_DRIFT run twice. Before the drift, velocities are ahead of the positions (`state.lag` below 0).
-    After it, they are behind, and operators run in the opposite order. On a circular orbit of frequency Omega these
-    velocities are rotated relative to the positions by asin(Omega lag), unless the drift rotates velocities too.
+    Operators of AROUND_DRIFT run twice. Before the drift, velocities are ahead of the positions (`state.velocity_lag`
+    is below 0). After the drift, velocities are behind, and operators run in the opposite order. On a circular orbit of
+    frequency Omega these velocities are rotated relative to the positions by asin(Omega velocity_lag), unless the drift
+    rotates velocities too.
     """
 
     FIELD = auto()
@@ -63,11 +64,13 @@ GROWS = 2.5  # a leapfrog of frequency 1 / step is unstable above 2; 2.5 leaves 
 # Attributes of the state that depend on the star and its companions, for operators that read "bodies".
 BODY_ATTRIBUTES = frozenset({
     "bodies", "central", "central_mass", "star_mass", "star_pull", "star_place", "centre", "from_centre", "from_star",
-    "kepler_omega", "cooled",
+    "kepler_omega", "cooled_energy",
 })  # fmt: skip
 # Attributes of particles that every operator sees: numbers, order and spare memory, none of which a kernel changes.
-COMMON_ARRAYS = frozenset({"count", "everywhere", "ids", "immobile", "global_index", "unsorted_rows", "spare"})
-PLAIN_ATTRIBUTES = frozenset({"scene", "time", "step", "earlier", "lag", "grid", "acc_unshared"})  # of the state
+COMMON_ARRAYS = frozenset({"count", "global_count", "ids", "immobile", "global_index", "unsorted_rows", "spare"})
+PLAIN_ATTRIBUTES = frozenset(
+    {"scene", "time", "step", "earlier", "velocity_lag", "grid", "acc_unshared"}
+)  # of the state
 
 
 class Limit(NamedTuple):
@@ -179,9 +182,8 @@ class Declared:
 class View:
     """View of the state for one operator: `gas`, `dust` and `species` with the arrays that it declares.
 
-    `scene`, `time`, `step`, `earlier`, `lag`, `grid` and `acc_unshared` are those of the state. For an operator that
-    reads "bodies" the view also has the attributes of the state in BODY_ATTRIBUTES. `view[name]` is the result of the
-    operator `name`.
+    The view has the attributes of the state in PLAIN_ATTRIBUTES and, for an operator that reads "bodies", those in
+    BODY_ATTRIBUTES. `view[name]` is the result of the operator `name`.
     """
 
     def __init__(
@@ -254,12 +256,12 @@ def limits(effect: Operating, state: State, results: dict[str, Any]) -> dict[str
 
 def longest_step(effect: Operating, state: State, results: dict[str, Any]) -> float:
     """Return the longest step that one effect allows; results: of its operators, from `accelerate`."""
-    return least_step(limits(effect, state, results), state.unnoticed)
+    return least_step(limits(effect, state, results), state.dust_is_passive)
 
 
-def least_step(found: Mapping[str, Limit], unnoticed: bool) -> float:
+def least_step(found: Mapping[str, Limit], without_dust: bool) -> float:
     """Return the smallest step of the limits `found` by species; inf if there are none.
 
-    unnoticed: whether to leave out the limits of dust, as for one-way dust.
+    without_dust: whether to leave out the limits of dust, as for one-way dust.
     """
-    return min((limit.step for name, limit in found.items() if name != "dust" or not unnoticed), default=math.inf)
+    return min((limit.step for name, limit in found.items() if name != "dust" or not without_dust), default=math.inf)

@@ -105,7 +105,7 @@ class Particles(Summarised):
             setattr(self, name, taken)
 
     @property
-    def everywhere(self) -> int:
+    def global_count(self) -> int:
         """Number of particles on all processes."""
         return int(world.processes.sum(self.count))
 
@@ -233,7 +233,7 @@ class Ledger:
     damped_angular_momentum: float = 0.0
 
 
-class Pace(NamedTuple):
+class SubcycleClock(NamedTuple):
     """Clock of a sub-cycled effect: time since its last call, and the fastest rate of change at that call."""
 
     since: float = 0.0
@@ -253,15 +253,15 @@ class State:
     time: float = 0.0
     step: int = 0
     earlier: int = 0  # steps of the run that this one continues
-    lag: float = 0.0  # time by which `vel` and `u` are behind `pos` between steps: the closing kick that is due
+    velocity_lag: float = 0.0  # time by which `vel` and `u` are behind `pos`: the length of the missing closing kick
     # If an effect kicks gas and dust together: accelerations (n, dimensions) of each species that the other one at the
     # same position does not have; arrays without entries if there are none.
     acc_unshared: dict[str, Array] = field(default_factory=dict)
     results: dict[str, Any] = field(default_factory=dict)  # of operators at the present positions, by their names
     ledger: Ledger = field(default_factory=Ledger)
-    pace: Pace | None = None  # clock of a sub-cycled effect
+    subcycle_clock: SubcycleClock | None = None  # clock of a sub-cycled effect
     # If gas cools: return its energies (n,) after a time at `kick_rate`, for kicks and predictions of u.
-    cooled: Callable[[Gas, float], Array] | None = None
+    cooled_energy: Callable[[Gas, float], Array] | None = None
 
     def arrive(self, dt: float, until: float = math.inf) -> None:
         """Advance time and step count by a step of dt; a time within rounding of `until` is set to `until`."""
@@ -287,16 +287,16 @@ class State:
         return {name: particles for name, particles in both.items() if particles is not None}
 
     @property
-    def unnoticed(self) -> bool:
-        """True if dust has one-way drag in a scene with gas: it must not affect the gas, nor the time step."""
+    def dust_is_passive(self) -> bool:
+        """Whether dust must not affect the gas or the time step: with one-way drag, while gas particles are left."""
         drag = self.scene.drag
         one_way = drag is not None and drag.direction == "one-way"
-        return one_way and self.gas is not None and self.gas.everywhere > 0
+        return one_way and self.gas is not None and self.gas.global_count > 0
 
     @property
     def limiting(self) -> list[Particles]:
         """Species whose motion may limit the time step: all except one-way dust in a scene with gas."""
-        return [particles for name, particles in self.species.items() if name == "gas" or not self.unnoticed]
+        return [particles for name, particles in self.species.items() if name == "gas" or not self.dust_is_passive]
 
     @property
     def body_count(self) -> int:

@@ -44,7 +44,7 @@ def companion_rows(state: State, dt: float) -> list[list[object]]:
     bodies = state.bodies
     if bodies is None:
         return []
-    vel = bodies.vel + state.lag * bodies.acc  # includes the closing half kick
+    vel = bodies.vel + state.velocity_lag * bodies.acc  # includes the closing half kick
     star = [float(value) for value in (bodies.mass[0], *bodies.pos[0], *vel[0])]
     rows: list[list[object]] = []
     for k, companion in enumerate(state.scene.table("companion") or (), 1):

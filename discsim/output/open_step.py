@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from discsim.numerics.entries import VECTORS, EntryError, check_finite, check_ranges
-from discsim.numerics.state import Pace
+from discsim.numerics.state import SubcycleClock
 from discsim.output import hdf5
 
 if TYPE_CHECKING:
@@ -35,13 +35,13 @@ class OpenStep:
     `lag` is the time by which velocities and energies lag behind positions; 0 after the closing kick. `step` is the
     number of steps, with those of earlier runs that this run continues. `arrays` has, by species (and "bodies") and
     name, the arrays that differ from those of the snapshot or that it lacks, sorted by ids. `pace` is the clock of
-    dust growth (`State.pace`).
+    dust growth (`State.subcycle_clock`).
     """
 
     lag: float
     step: int
     arrays: dict[str, dict[str, Array]] = field(default_factory=dict)
-    pace: Pace | None = None
+    pace: SubcycleClock | None = None
 
 
 def open_step_of(state: State, together: bool) -> OpenStep:
@@ -52,7 +52,7 @@ def open_step_of(state: State, together: bool) -> OpenStep:
     closing kick, to rounding; `lag` is then 0.
     """
     kicked = together or (state.gas is not None and state.gas.kick_acc is not None)
-    lag = state.lag if kicked else 0.0
+    lag = state.velocity_lag if kicked else 0.0
     names = KICKED if lag > 0.0 else ()
     arrays = {}
     for species, particles in state.species.items():
@@ -61,7 +61,7 @@ def open_step_of(state: State, together: bool) -> OpenStep:
     if state.bodies is not None:
         held = state.bodies.arrays()
         arrays["bodies"] = {name: held[name].copy() for name in (*BODY_ARRAYS, *(names[:1]))}
-    return OpenStep(lag, state.step + state.earlier, arrays, state.pace)
+    return OpenStep(lag, state.step + state.earlier, arrays, state.subcycle_clock)
 
 
 def write(group: h5py.Group, step: OpenStep) -> None:
@@ -93,7 +93,7 @@ def read(group: hdf5.CheckedGroup, counts: dict[str, int], dimensions: int, time
         check_ranges(species, arrays[species], populations=1, time=time)
         if species == "bodies" and not {*BODY_ARRAYS} <= arrays[species].keys():
             raise EntryError(f"{GROUP} lacks arrays of the star and its companions; expected {', '.join(BODY_ARRAYS)}")
-    pace = Pace(*map(float, held.numbers("pace", (2,), finite=False))) if "pace" in held.attributes else None
+    pace = SubcycleClock(*map(float, held.numbers("pace", (2,), finite=False))) if "pace" in held.attributes else None
     lag, step = held.number("lag"), held.whole("step")
     if lag < 0.0 or step < 0 or (pace is not None and not (pace.since >= 0.0 and pace.rate > 0.0)):
         raise EntryError(f"lag {lag:g} or step {step} of {GROUP} is negative; expected 0 or more")

@@ -230,8 +230,8 @@ def _restore_arrays(state: State) -> None:
     snap = _snapshot(scene.initial.file)
     step = snap.open_step
     assert step is not None
-    state.lag, state.earlier = step.lag, step.step
-    state.pace = step.pace or state.pace
+    state.velocity_lag, state.earlier = step.lag, step.step
+    state.subcycle_clock = step.pace or state.subcycle_clock
     held = {**state.species, **({} if state.bodies is None else {"bodies": state.bodies})}
     for name, particles in held.items():
         shown: Any = getattr(snap, name)

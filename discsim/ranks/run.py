@@ -197,7 +197,7 @@ class DividedRun(Run):
     def _extent(self, state: State) -> Extent:
         """Return the extent in space and the numbers of the particles of all ranks."""
         lower, upper, counts = extent_of(self.scene, state.gas, state.dust, state.bodies)
-        counts |= {name: p.everywhere for name, p in state.species.items()}
+        counts |= {name: p.global_count for name, p in state.species.items()}
         return Extent(self.ranks.least(lower), self.ranks.most(upper), counts)
 
     def _save_checkpoint(self) -> None:

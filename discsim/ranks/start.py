@@ -20,7 +20,7 @@ from discsim.scene import Scene
 
 PARTICLE_TYPES: dict[str, Any] = {"gas": Gas, "dust": Dust}
 # Fields of a state that are the same on all ranks.
-SHARED_FIELDS = ("time", "step", "earlier", "lag", "ledger", "pace", "bodies")
+SHARED_FIELDS = ("time", "step", "earlier", "velocity_lag", "ledger", "subcycle_clock", "bodies")
 
 
 def begun(comm: Comm, scene: Scene, to_restore: bool) -> Begun:
@@ -67,7 +67,7 @@ def without_particles(scene: Scene, told: dict[str, Any]) -> Begun:
             setattr(effect, key, value)
         if not effect.from_start:
             effect.begin(state, effects)
-    state.pace = told["state"]["pace"]  # which an effect may have reset
+    state.subcycle_clock = told["state"]["subcycle_clock"]  # which an effect may have reset
     for p in species.values():
         for key, array in p.arrays().items():
             setattr(p, key, array[:0].copy())

@@ -226,21 +226,21 @@ def limit_of_dust(effect: Effect, state: State) -> tuple[int, str]:
 
 def limits_of(state: State, plan: Plan, costs: Costs) -> tuple[dict[str, float], Limits]:
     """Return the time-step limit of each effect by name, and the smallest limits of all effects."""
-    unnoticed, none = state.unnoticed, Limit(math.inf)
+    dust_is_passive, none = state.dust_is_passive, Limit(math.inf)
     found: dict[str, dict[str, Limit]] = {name: {} for name in plan.names}
     for name, operator in plan[Slot.LIMIT]:
         with costs(name, calls=0):
             found[name] |= declarations.checked_limits(operator, operator.run(View(state, operator, state.results)))
     each = np.empty((3, len(found)))  # longest step, unstable step, and longest step of one-way dust
     for k, of_effect in enumerate(found.values()):
-        noticed = {species: limit for species, limit in of_effect.items() if species != "dust" or not unnoticed}
+        noticed = {species: limit for species, limit in of_effect.items() if species != "dust" or not dust_is_passive}
         each[0, k] = min((limit.step for limit in noticed.values()), default=math.inf)
         each[1, k] = min((limit.growing for limit in noticed.values()), default=math.inf)
         # The limit of dust is 1 / frequency. A circular orbit keeps its energy to 12% in such steps, to 1% in half.
-        each[2, k] = of_effect.get("dust", none).growing / GROWS if unnoticed else math.inf
+        each[2, k] = of_effect.get("dust", none).growing / GROWS if dust_is_passive else math.inf
     steps, growing, dust = (dict(zip(found, row, strict=True)) for row in world.processes.least(each).tolist())
     least = Limits(*_smallest_limit(steps), growing=min(growing.values()))
-    if unnoticed:
+    if dust_is_passive:
         longest, by = _smallest_limit(dust)
         least = least._replace(dust=longest, dust_by=by)
     return steps, least

@@ -62,7 +62,7 @@ class ReversalGuard:
         Gas is unstable if most of the sample has a cosine below REVERSAL_COSINE and most has a change above MAX_KICK.
         """
         gas, turn = state.gas, state.step % CHECK_EVERY
-        if gas is None or gas.everywhere == 0 or not 1 <= turn <= 3:
+        if gas is None or gas.global_count == 0 or not 1 <= turn <= 3:
             self.forget()
             return
         self.samples.append(_sample(state))
@@ -93,7 +93,7 @@ def _sample(state: State) -> Sample:
     Accelerations are without the pull of the central mass.
     """
     gas = state.gas
-    every = 1 << max(gas.everywhere // MIN_SAMPLE, 1).bit_length() - 1
+    every = 1 << max(gas.global_count // MIN_SAMPLE, 1).bit_length() - 1
     rows = np.flatnonzero((gas.ids & (every - 1)) == 0)
     rows = rows[np.argsort(gas.ids[rows])]
     acc, (mass, softening) = gas.acc[rows], state.central

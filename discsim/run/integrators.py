@@ -6,7 +6,7 @@
 A kick changes velocities by the accelerations. With drag it is the exact relaxation of gas and dust, which includes
 the accelerations. The closing kick of a step and the opening kick of the next have the same sources, and the
 relaxation composes exactly. Therefore `kdk` makes both as one kick: between steps the velocities are behind the
-positions by `state.lag`, the length of the closing kick. `euler` is the first-order scheme of the papers.
+positions by `state.velocity_lag`, the length of the closing kick. `euler` is the first-order scheme of the papers.
 """
 
 from typing import TYPE_CHECKING
@@ -24,11 +24,11 @@ def kdk(step: "Operators", dt: float, until: float) -> None:
     rounding of `until`, the time is set to `until`.
     """
     state = step.state
-    step.kick(state.lag + 0.5 * dt)
-    state.lag = -0.5 * dt
+    step.kick(state.velocity_lag + 0.5 * dt)
+    state.velocity_lag = -0.5 * dt
     step.operate(0.5 * dt)
     step.move(dt)
-    state.lag = 0.5 * dt
+    state.velocity_lag = 0.5 * dt
     step.operate(0.5 * dt, backwards=True)
     state.arrive(dt, until)
     step.events()

@@ -55,9 +55,9 @@ class Operators:
 
     def close(self) -> None:
         """Make the closing kick, after which velocities are at the time of the positions."""
-        if self.state.lag > 0.0:
-            self.kick(self.state.lag)
-            self.state.lag = 0.0
+        if self.state.velocity_lag > 0.0:
+            self.kick(self.state.velocity_lag)
+            self.state.velocity_lag = 0.0
 
     def operate(self, dt: float, backwards: bool = False) -> None:
         """Run the operators of AROUND_DRIFT over dt, one after another; in the opposite order if `backwards`."""

@@ -17,7 +17,7 @@ from discsim.effects.base import kick_effect
 from discsim.initial import start_time
 from discsim.numerics.bodies import Bodies
 from discsim.numerics.entries import EntryError, check_arrays, check_finite, check_like, check_ranges
-from discsim.numerics.state import Ledger, Pace, State
+from discsim.numerics.state import Ledger, State, SubcycleClock
 from discsim.output.checkpoint import Values
 from discsim.run.costs import Costs
 from discsim.run.forces import Effects, Limits
@@ -54,11 +54,12 @@ def restored(state: State, effects: Effects, groups: Groups, values: Values) -> 
         "bodies": None if state.bodies is None else _checked_bodies(state.bodies, groups["bodies"], time),
         "time": time,
         "step": values.whole("step"),
-        "lag": values.number("lag", 0.0),
-        "pace": None,
+        "velocity_lag": values.number("lag", 0.0),
+        "subcycle_clock": None,
     }
-    if state.pace is not None:
-        of_state["pace"] = Pace(values.number("pace_since", 0.0), values.number("pace_rate", 0.0, may_be_infinite=True))
+    if state.subcycle_clock is not None:
+        since, rate = values.number("pace_since", 0.0), values.number("pace_rate", 0.0, may_be_infinite=True)
+        of_state["subcycle_clock"] = SubcycleClock(since, rate)
     (step, by), (dust, dust_by) = (_checked_limit(values, effects, *names) for names in LIMIT_NAMES)
     limits = Limits(step, by, dust, dust_by, values.number(GROWING_LIMIT, 0.0, may_be_infinite=True))
     return Restored(particles, of_state, limits, _checked_costs(effects, groups["costs"]))

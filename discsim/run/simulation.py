@@ -326,7 +326,7 @@ class Simulation(Summarised):
         self._prepare()
         state = self._open = self.state
         try:
-            if state.lag == 0.0:
+            if state.velocity_lag == 0.0:
                 yield state
                 return
             saved = {
@@ -345,7 +345,7 @@ class Simulation(Summarised):
         finally:
             if self._open is not state:
                 self.operators.arrays_exposed = True
-                state.lag, state.bodies = self._open.lag, self._open.bodies
+                state.velocity_lag, state.bodies = self._open.lag, self._open.bodies
                 for name, arrays in saved.items():
                     for key, array in arrays.items():
                         setattr(state.species[name], key, array)
@@ -423,10 +423,10 @@ class Simulation(Summarised):
         groups["scene"] = {"text": np.frombuffer(self.scene.text.encode(), np.uint8)}
         groups["costs"] = {"calls": np.array([*self.costs.calls.values()])}
         groups["costs"]["seconds"] = np.array([*self.costs.seconds.values()])
-        values: dict[str, Scalar] = {"time": state.time, "step": state.step, "lag": state.lag}
+        values: dict[str, Scalar] = {"time": state.time, "step": state.step, "lag": state.velocity_lag}
         values |= dict(zip(chain(*LIMIT_NAMES, [GROWING_LIMIT]), self.operators.limits, strict=True))
-        if state.pace is not None:
-            values |= {f"pace_{name}": value for name, value in state.pace._asdict().items()}
+        if state.subcycle_clock is not None:
+            values |= {f"pace_{name}": value for name, value in state.subcycle_clock._asdict().items()}
         return groups, values
 
     def restore(self, path: str | Path, share: tuple[int, int] = (0, 1)) -> Values:

@@ -72,7 +72,7 @@ def test_a_star_that_grows_speeds_up_orbits_and_heats_nothing():
     omega = np.sqrt(start[1] / (r**2 + SOFT**2) ** 1.5)
     settled = PASSIVE["aspect_ratio"] ** 2 * BOTH / 1.7 * (r / 1.7) ** -0.4 / 0.4
     gas.kick_rate[:] = 0.0
-    left = (state.cooled(gas, 0.3) - settled) / (gas.u - settled)
+    left = (state.cooled_energy(gas, 0.3) - settled) / (gas.u - settled)
     np.testing.assert_allclose(left, np.exp(-0.3 * omega / 5.0), rtol=1e-10)
     np.testing.assert_allclose(gas.nu, 0.05 * 0.4 * gas.u / omega, rtol=1e-10)  # c_T^2 = (gamma - 1) u
     stokes = sim.effects["drag"].columns(state)["dust"]
@@ -176,7 +176,7 @@ def test_light_of_a_disc_about_a_pair_is_that_about_one_star():
         gas = sim.gas.copy()
         gas.kick_rate[:] = 0.0
         hot = gas.u.copy()
-        ends = [sim.state.cooled(gas, dt) for dt in (1e3, 1e9)]  # some of it, and all down to T_irr
+        ends = [sim.state.cooled_energy(gas, dt) for dt in (1e3, 1e9)]  # some of it, and all down to T_irr
         assert (ends[0] < 0.99 * hot).any() and (ends[1] < 0.4 * hot).all()
         return np.array(ends)
 

@@ -149,7 +149,7 @@ def test_the_orbits_of_a_softened_star_are_longer():
     gas.u[:], gas.kick_rate[:] = 3e-3, 1e-4
     settled = 0.05**2 * 1.3 / 2.0 * np.sqrt(2.0 / r) / 0.6
     t_cool = 0.7 * np.sqrt((r**2 + 0.81) ** 1.5 / 1.3)
-    found = sim.state.cooled(gas, 0.4)
+    found = sim.state.cooled_energy(gas, 0.4)
     np.testing.assert_allclose(found, exact.towards(3e-3, settled, 1e-4, t_cool, 0.4), rtol=1e-12)
 
 
@@ -190,7 +190,7 @@ def test_balance_of_a_viscous_irradiated_disc(opacity):
         speed2 = (constants.k_B * found / mean).cgs
         heat = (2.25 * 0.01 * speed2 * omega).cgs  # (9/4) nu Omega^2 of a unit of mass
         gas.kick_rate[:] = heat.value / scene.units.cgs("specific_energy") * scene.units.cgs("time")
-        gas.u[:] = sim.state.cooled(gas, 1e6 / scene.units.time.to(u.yr))
+        gas.u[:] = sim.state.cooled_energy(gas, 1e6 / scene.units.time.to(u.yr))
     if opacity == "bell-lin":
         kappa = np.empty(gas.count)
         rho = (sigma * omega / np.sqrt(2 * np.pi * speed2)).cgs.value
@@ -226,7 +226,7 @@ def test_hot_gas_shines_through_the_molecules_of_its_midplane():
     tau = 0.5 * kappa * sigma.value
     rate = (2.0 * constants.sigma_sb * temperature**4 / physics.effective_depth(tau) / sigma).cgs
     dt = (3e-4 * heat / rate).min()
-    lost = gas.u - sim.state.cooled(gas, dt.cgs.value / units.cgs("time"))
+    lost = gas.u - sim.state.cooled_energy(gas, dt.cgs.value / units.cgs("time"))
     assert (tau > 0.1).all()
     # Its star's light gives back (400 / 2200)^4 = .1% at most, and the rate changes by some times 3e-4 within the step.
     np.testing.assert_allclose(lost * units.cgs("specific_energy"), (rate * dt).cgs.value, rtol=5e-3)
@@ -313,7 +313,7 @@ def test_gas_without_cooling_holds_nothing_of_it():
     tables = disc()
     del tables["cooling"]
     sim = Simulation(tables)
-    assert sim.gas.radiated is None and sim.state.cooled is None
+    assert sim.gas.radiated is None and sim.state.cooled_energy is None
 
 
 BAD = [

@@ -243,7 +243,7 @@ def test_circles_stay_circles(sense, softening):
     dust.vel[:] = circles()
     before = dust.pos.copy()
     sim.effects["drag"].engine.record(dust, Kicked(np.arange(0), np.full(dust.count, 0.1)))
-    sim.state.lag = -lag
+    sim.state.velocity_lag = -lag
     effect.move(sim.state, 2.0 * lag)
     assert np.abs(dust.pos - before).max() > 0.01
     np.testing.assert_allclose(dust.vel, circles(), atol=1e-12)

@@ -9,7 +9,7 @@ from scenes import changed, problems
 from discsim import Simulation, load_scene
 from discsim.effects.growth import GROWTH_STEP, Effect
 from discsim.formulas import laws
-from discsim.numerics.state import Pace
+from discsim.numerics.state import SubcycleClock
 from discsim.output.history import columns_of, history_row
 from discsim.preview.derived import local
 from discsim.scene import SceneError
@@ -101,7 +101,7 @@ def test_grains_are_behind_by_their_share_at_most(monkeypatch):
         grew[share], sizes[share] = 0, []
         for _ in range(12):
             sim.step()
-            grew[share] += sim.state.pace.since == 0.0
+            grew[share] += sim.state.subcycle_clock.since == 0.0
             sizes[share].append(sim.dust.size[np.argsort(sim.dust.ids)])
     assert grew[0.0] == 12 and 2 <= grew[GROWTH_STEP] <= 6
     behind = np.log(np.array(sizes[0.0]) / np.array(sizes[GROWTH_STEP]))
@@ -201,14 +201,14 @@ def test_momentum_is_exact_and_angular_momentum_but_at_edges():
     effect, dust = sim.effects["growth"], sim.dust
     inside = np.abs(np.hypot(*dust.pos.T) - 1.15) < 0.25
     for dt, speed in ((2.0, 1.0), (1e-9, 1e-4)):
-        sim.state.pace, effect.grains = Pace(dt), effect.grains._replace(fragmentation=speed)
+        sim.state.subcycle_clock, effect.grains = SubcycleClock(dt), effect.grains._replace(fragmentation=speed)
         mass, momentum, spin, moved = handed(sim)
         assert moved > 1e-3
         assert abs(mass) < 1e-14 and momentum < 1e-14
         assert 1e-12 < abs(spin) < 0.01 * moved  # of dust at the edges, with gas on one side of it
     keep = ~inside
     dust.remove(keep)
-    sim.state.pace, effect.grains = Pace(2.0), effect.grains._replace(fragmentation=1.0)
+    sim.state.subcycle_clock, effect.grains = SubcycleClock(2.0), effect.grains._replace(fragmentation=1.0)
     mass, momentum, spin, moved = handed(sim)
     assert moved > 1e-4
     assert max(abs(mass), momentum, abs(spin)) < 1e-14
@@ -222,7 +222,7 @@ def test_gas_keeps_its_heat(per_mass):
     setattr(sim.gas, per_mass, 1.0 + np.arange(sim.gas.count) / sim.gas.count)
     heat = sim.gas.mass @ getattr(sim.gas, per_mass)
     small, before = sim.gas.small.sum(), sim.gas.mass.copy()
-    sim.state.pace = Pace(2.0)
+    sim.state.subcycle_clock = SubcycleClock(2.0)
     sim.effects["growth"].event(sim.state)
     assert abs(sim.gas.small.sum() - small) > 1e-3 * small
     assert np.abs(sim.gas.mass / before - 1.0).max() > 1e-6
@@ -323,13 +323,13 @@ def test_the_same_bits_on_any_number_of_threads_and_after_resume(monkeypatch, tm
             if step == saved:
                 sim.save(tmp_path / "checkpoint.h5")
             sim.evolve(1.0, after_step=lambda: True)
-            clocks.append(sim.state.pace)
+            clocks.append(sim.state.subcycle_clock)
         found.append(state_bits(sim))
         resumed, again = Simulation(scene), []
         resumed.restore(tmp_path / "checkpoint.h5")
         for _ in range(8 - saved):
             resumed.evolve(1.0, after_step=lambda: True)
-            again.append(resumed.state.pace)
+            again.append(resumed.state.subcycle_clock)
         found.append(state_bits(resumed))
         # Dust does not grow in the first step after: without the rate of the last growth a clock would have it grow.
         assert clocks[saved].since > clocks[saved - 1].since and again == clocks[saved:]

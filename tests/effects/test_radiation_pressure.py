@@ -192,7 +192,7 @@ def test_one_way_dust_does_not_shorten_the_step():
     sim = Simulation(tables | {"run": tables["run"] | {"courant": 0.2}})
     sim.step()
     found = limits_of(sim, "radiation_pressure")
-    assert least_step(found, sim.state.unnoticed) == np.inf
+    assert least_step(found, sim.state.dust_is_passive) == np.inf
     assert found["dust"].step == pytest.approx(0.5 * (radii(sim).min() ** 3 / 50.0) ** 0.5)
 
 

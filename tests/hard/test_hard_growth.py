@@ -5,7 +5,7 @@ import pytest
 from growing import SMALL, disc, totals
 
 from discsim import Simulation
-from discsim.numerics.state import Pace
+from discsim.numerics.state import SubcycleClock
 
 
 def run(scene, steps=3):
@@ -51,7 +51,7 @@ def test_sizes_over_twelve_decades():
     sim.dust.size = np.geomspace(SMALL, 1e3, 300)
     for _ in range(3):
         sim.step()
-    sim.state.pace = Pace(1e3)
+    sim.state.subcycle_clock = SubcycleClock(1e3)
     before = totals(sim)[0]
     sim.effects["growth"].event(sim.state)
     assert is_finite(sim) and sim.dust.size.min() > 1e4 * SMALL
@@ -77,7 +77,7 @@ def test_dust_beyond_the_gas_waits():
     sim.dust.pos[:20] = 2.3, 0.0
     sim.dust.pos[20] = 0.0
     mass, size = sim.dust.mass[:21].copy(), sim.dust.size[:21].copy()
-    sim.state.pace = Pace(1.0)
+    sim.state.subcycle_clock = SubcycleClock(1.0)
     sim.effects["growth"].event(sim.state)
     np.testing.assert_array_equal(sim.dust.mass[:21], mass)
     np.testing.assert_array_equal(sim.dust.size[:21], size)
@@ -90,7 +90,7 @@ def test_more_is_asked_of_a_gas_particle_than_it_has():
     sim._prepare()
     sim.dust.mass[:] *= np.where(np.arange(300) % 30 == 0, 1e3, 1e-3)
     before = totals(sim)
-    sim.state.pace = Pace(1.0)
+    sim.state.subcycle_clock = SubcycleClock(1.0)
     sim.effects["growth"].event(sim.state)
     after = totals(sim)
     assert (sim.gas.small >= 0.0).all() and sim.gas.small.min() < 1e-10 * sim.gas.small.max()

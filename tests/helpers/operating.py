@@ -29,4 +29,4 @@ def limits_of(sim, name):
 
 def longest_step_of(sim, name):
     """Longest step that an effect allows, by the last forces of a simulation."""
-    return least_step(limits_of(sim, name), sim.state.unnoticed)
+    return least_step(limits_of(sim, name), sim.state.dust_is_passive)

@@ -64,10 +64,10 @@ def found(sim):
             order, r = np.argsort(p.ids), np.hypot(*pos.T)
             out[f"r {name}"] = r[order]
             out[f"v_phi {name}"] = ((pos[:, 0] * vel[:, 1] - pos[:, 1] * vel[:, 0]) / r)[order]
-        if state.cooled is not None:
+        if state.cooled_energy is not None:
             still = gas.copy()
             still.kick_rate[:] = 0.0
-            out["u cooled"] = state.cooled(still, 0.1)[np.argsort(gas.ids)]
+            out["u cooled"] = state.cooled_energy(still, 0.1)[np.argsort(gas.ids)]
         if gas.u is not None:
             out["u"] = gas.u[np.argsort(gas.ids)].copy()
         else:

@@ -45,8 +45,8 @@ def stepped(scene, steps, most, comm):
     arrays = {f"{n}.{k}": array for n, p in state.species.items() for k, array in p.arrays().items()}
     arrays |= {f"{n}.{k} of effects": np.asarray(a) for n, p in extra.items() for k, a in plain(p).items()}
     arrays |= {f"ledger.{k}": np.asarray(v) for k, v in asdict(state.ledger).items()}
-    if state.pace is not None:
-        arrays["pace"] = np.array(state.pace)
+    if state.subcycle_clock is not None:
+        arrays["pace"] = np.array(state.subcycle_clock)
     if state.bodies is not None:
         arrays |= {f"bodies.{k}": array for k, array in state.bodies.arrays().items()}
     return rows, arrays, held

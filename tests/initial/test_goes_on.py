@@ -146,7 +146,7 @@ def test_with_other_physics_companions_stay_on_their_way(binary, frame):
     sim, path = binary
     changed = CASES["inertial frame"] | {"alpha_viscosity": {"alpha": 0.01}, "star": INERTIAL | {"frame": frame}}
     again = restarted(changed, path)
-    assert again.state.lag == 0.0
+    assert again.state.velocity_lag == 0.0
     np.testing.assert_allclose(relative(again), relative(sim), rtol=0, atol=1e-13)
     np.testing.assert_allclose(again.bodies.mass, sim.bodies.mass, rtol=1e-14)  # with what they took
     np.testing.assert_allclose(again.bodies.felt, sim.bodies.felt, rtol=1e-14)  # with the ramp
@@ -175,7 +175,7 @@ def test_a_snapshot_without_what_is_open_starts_with_closed_velocities(binary, t
         del file["discsim/OpenStep"]
     assert read_snapshot(old).open_step is None
     again = restarted(CASES["tsc"], old)
-    assert again.state.lag == 0.0
+    assert again.state.velocity_lag == 0.0
     gas, order = read_snapshot(old).gas, np.argsort(again.gas.ids)
     with sim.synchronised() as state:
         np.testing.assert_allclose(again.gas.vel[order], gas.vel - state.bodies.vel[0], atol=1e-14)

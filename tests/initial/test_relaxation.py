@@ -73,7 +73,7 @@ def test_rings_stay_rings_with_their_mass_and_angular_momentum():
 
 def test_dust_and_time_have_no_part():
     settled, plain = Simulation(disc(0.5, **DUSTY)), Simulation(disc(0.0, **DUSTY))
-    assert settled.time == 0.0 and settled.state.step == 0 and settled.state.lag == 0.0
+    assert settled.time == 0.0 and settled.state.step == 0 and settled.state.velocity_lag == 0.0
     for key in ("pos", "vel", "mass"):
         assert getattr(settled.dust, key).tobytes() == getattr(plain.dust, key).tobytes()
     # Gas drifts with the dust that drags it, as the start without relaxation does: the dust has half of its mass.

@@ -66,5 +66,5 @@ def assert_same_without_particles(scene):
         assert empty.count == 0 and p.arrays().keys() == empty.arrays().keys()
         for key, array in p.arrays().items():
             assert array[:0].shape == getattr(empty, key).shape and array.dtype == getattr(empty, key).dtype
-    assert one.state.pace == other.state.pace and one.state.time == other.state.time
+    assert one.state.subcycle_clock == other.state.subcycle_clock and one.state.time == other.state.time
     assert one.state.grid == other.state.grid

@@ -32,7 +32,7 @@ def interrupt(sim, step, times=1):
 
 def all_bits(sim):
     state = sim.state
-    return state_bits(sim), state.time, state.step, state.lag, state.ledger.accreted_gas, sim.limit
+    return state_bits(sim), state.time, state.step, state.velocity_lag, state.ledger.accreted_gas, sim.limit
 
 
 WAYS = {
@@ -91,7 +91,7 @@ def test_a_second_ctrl_c_ends_at_once_and_nothing_goes_on_from_there(tmp_path, s
 
 def test_ctrl_c_while_somebody_looks_leaves_what_was_there(sim):
     sim.evolve(0.02)
-    assert sim.state.lag > 0.0
+    assert sim.state.velocity_lag > 0.0
     before, kick = all_bits(sim), sim.operators.kick
 
     def interrupted(dt):

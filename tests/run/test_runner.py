@@ -221,7 +221,7 @@ def test_looking_changes_no_bit(tmp_path, name):
 
     def look():
         with watched.synchronised() as state:
-            assert state.lag == 0
+            assert state.velocity_lag == 0
         if "drag" in watched.effects:
             watched.effects["drag"].current_stopping_times(watched.state)
         watched.save(tmp_path / "look.h5")

@@ -115,7 +115,7 @@ def test_merged_kicks_are_those_made_one_by_one():
 
 def synchronise(sim):
     with sim.synchronised() as state:
-        assert state.lag == 0.0
+        assert state.velocity_lag == 0.0
 
 
 LOOKS = {"synchronised": synchronise, "acceleration": lambda sim: sim.acceleration("gas")}

@@ -36,7 +36,7 @@ def test_to_look_after_each_step_changes_no_bit():
     alone, watched, seen = made(), made(), []
 
     def look(sim):
-        seen.append((sim.time, sim.state.lag, sim.gas.vel.copy()))
+        seen.append((sim.time, sim.state.velocity_lag, sim.gas.vel.copy()))
         sim.dust.vel = np.full_like(sim.dust.vel, 9.0)  # lost at the end
 
     alone.run()
@@ -68,7 +68,7 @@ def test_interrupted_it_calls_at_the_same_times_and_has_the_same_bits(monkeypatc
 def test_a_callback_ends_a_run():
     sim = made()
     sim.run(callback=lambda sim: sim.state.step == 2)
-    assert sim.state.step == 2 and sim.state.lag == 0.0
+    assert sim.state.step == 2 and sim.state.velocity_lag == 0.0
     sim.run(every=0.1, callback=lambda sim: True)
     assert sim.time in (0.1, 0.2)
 
@@ -239,7 +239,7 @@ def test_a_checkpoint_of_a_callback_goes_on_to_the_bits_of_the_run(tmp_path):
     whole, again = made(), made()
     whole.run(every=0.13, callback=lambda sim: sim.save(tmp_path / f"{sim.time}.h5"))
     again.restore(tmp_path / "0.13.h5")
-    assert again.state.lag > 0.0  # the closing kick is still to come
+    assert again.state.velocity_lag > 0.0  # the closing kick is still to come
     again.run(every=0.13, callback=lambda sim: None)
     assert state_bits(whole) == state_bits(again)
     assert whole.costs.calls == again.costs.calls
