@@ -345,7 +345,7 @@ class Simulation(Summarised):
         finally:
             if self._open is not state:
                 self.operators.arrays_exposed = True
-                state.velocity_lag, state.bodies = self._open.lag, self._open.bodies
+                state.velocity_lag, state.bodies = self._open.velocity_lag, self._open.bodies
                 for name, arrays in saved.items():
                     for key, array in arrays.items():
                         setattr(state.species[name], key, array)
