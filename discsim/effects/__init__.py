@@ -19,8 +19,8 @@ grids = Lazy("discsim.numerics.grid")
 
 def effect_classes(scene: Scene) -> dict[str, type[Effect]]:
     """Return the effect classes of a scene by table name, in the order in which a step calls them."""
-    others = scene.model.stand_ins
-    found = {name: import_object(others[name]) if name in others else EFFECTS[name] for name in scene.named}
+    replacing = scene.model.effects
+    found = {name: import_object(replacing[name]) if name in replacing else EFFECTS[name] for name in scene.named}
     return {name: effect for name, effect in found.items() if not effect.role.table_only}
 
 
@@ -31,8 +31,8 @@ def load_effects(scene: Scene, state: State) -> dict[str, Effect]:
     """
     classes = effect_classes(scene)
     if any(effect.role.grid for effect in classes.values()):
-        # The number of grid cells follows from the first species, which is the gas if the scene has any: one-way dust
-        # must not change the grid.
+        # The number of grid cells follows from the gas, or from the dust in a scene without gas: one-way dust must not
+        # change the grid.
         first = next(iter(state.species.values()))
         state.grid = grids.Grid.from_scene(scene, first.count)
     return {name: effect(scene, state) for name, effect in classes.items()}

@@ -50,7 +50,6 @@ def accrete(state: State, number: int, name: str, gone: np.ndarray, masses: Accr
     does not change the body, as a heavier body would change the motion of the gas.
     """
     bodies, particles = state.bodies, state.species[name]
-    assert bodies is not None
     bodies.accreted[number, SPECIES.index(name)] += masses.own
     if masses.small > 0.0:
         bodies.accreted[number, SPECIES.index("dust")] += masses.small

@@ -27,8 +27,8 @@ kepler, moves = Lazy("discsim.kernels.gravity.kepler"), Lazy("discsim.kernels.co
 
 __all__ = [
     "ALL", "GROWS", "Column", "Counts", "Effect", "Expected", "ForecastState", "GasSamples", "KickEffect", "Limit",
-    "Operator", "Report", "Role", "Slot", "View", "arrays", "centre_of_disc", "drift", "is_sort_step", "kick_effect",
-    "point_mass_energy", "scheme_without_particles", "source_problems",
+    "Operator", "Report", "Role", "Slot", "View", "arrays", "centre_of_disc", "drift", "grid_scheme_problems",
+    "is_sort_step", "kick_effect_name", "point_mass_energy", "source_problems",
 ]  # fmt: skip
 
 NO_SPECIES = np.empty(0, np.int64)  # for gas, which has no populations
@@ -137,7 +137,8 @@ class Effect:
     def __init_subclass__(cls) -> None:
         """Raise TypeError for a class with `accelerate` but no `operators`, as no step would call `accelerate`."""
         if "accelerate" in vars(cls) and cls.operators is Effect.operators:
-            raise TypeError("accelerate alone is no part of an effect; expected operators (docs/recipes/effect.md)")
+            wrong = f"{cls.__name__} defines accelerate, but no step calls it"
+            raise TypeError(f"{wrong}; add the method operators (docs/recipes/effect.md)")
 
     @classmethod
     def unused(cls, scene: Scene) -> tuple[str, ...]:
@@ -234,7 +235,7 @@ class KickEffect(Effect):
         return 0.0
 
 
-def kick_effect(effects: Mapping[str, Effect]) -> str | None:
+def kick_effect_name(effects: Mapping[str, Effect]) -> str | None:
     """Return the table name of the effect that kicks gas and dust together; None if each species has its own kick."""
     return next((name for name, effect in effects.items() if effect.role.kicks), None)
 
@@ -299,7 +300,7 @@ def source_problems(
         yield where, f'{wrong}; expected no "dust", or drag.direction = "two-way"'
 
 
-def scheme_without_particles(draft: Draft, table: str, what: str) -> Iterator[Problem]:
+def grid_scheme_problems(draft: Draft, table: str, what: str) -> Iterator[Problem]:
     """Yield a problem of `table` if the drag scheme is a fixed grid without particles. what: physics of the table."""
     if draft.drag and SCHEMES[draft.drag.scheme].on_grid:
         yield (table,), f'drag.scheme "{draft.drag.scheme}" has no {what}; expected another drag.scheme'

@@ -107,6 +107,7 @@ class Drag(DragEffect):
         return [base.Operator("drag.move", base.Slot.MOVE, self.move)]
 
     def move(self, state: State, dt: float) -> None:
+        """Advance gas and dust in all cells over dt."""
         self.tube.write(state, self.advance(self.law, self.tube, self.tube.read(state), dt, self.heating))
 
     def current_stopping_times(self, state: State) -> np.ndarray:

@@ -3,7 +3,7 @@
 d is the vector from the companion, and eps its softening.
 
     orbit = "fixed"   a Kepler orbit about GM = M + m, in closed form
-    orbit = "live"    feels star, companions, gas and dust, or those that the key `feels` lists; exact if only the star
+    orbit = "live"    feels star, companions, gas and dust, or the sources in the key `feels`; exact if only the star
                       pulls (`physics/orbits.py`); companion and particle exert opposite forces on each other
 
 During a ramp, the forces between companion and disc grow as sin^2(pi t / 2 ramp) (`physics/orbits.py`). The orbit has
@@ -33,7 +33,7 @@ from discsim.effects import base
 from discsim.effects.accretion import accrete, accreted_masses
 from discsim.initial import start_of
 from discsim.numerics import world
-from discsim.numerics.bodies import SPECIES, Bodies
+from discsim.numerics.bodies import SPECIES
 from discsim.numerics.state import State
 from discsim.numerics.threads import parallel_for
 from discsim.numerics.totals import rounded
@@ -209,6 +209,7 @@ class Effect(base.Effect):
         ]
 
     def accelerate(self, view: base.View) -> None:
+        """Add the gravity of the companions to `acc` of gas and dust, and set the accelerations of the bodies."""
         bodies, positions = view.bodies, view.bodies.felt_pos
         away = view.from_centre(positions[1:]) if view.centre is not None else positions[1:] - positions[0]
         distances = np.sqrt((away**2).sum(axis=1))
@@ -248,10 +249,12 @@ class Effect(base.Effect):
         return int(away.min(axis=1).argmin())
 
     def move(self, state: State, dt: float) -> None:
+        """Store the length of the step, for the accretion at its end."""
         self._dt = dt
 
     def event(self, state: State) -> None:
-        bodies = _bodies(state)
+        """Accrete particles within the accretion radii at the end of a step."""
+        bodies = state.bodies
         for k, companion in enumerate(self.companions):
             if companion.accretion_radius > 0.0:
                 position = bodies.felt_pos[k + 1].tolist()
@@ -274,14 +277,14 @@ class Effect(base.Effect):
 
     def _accretion_probability(self, state: State, k: int) -> float:
         """Return the probability that companion `k` accretes a particle within its radius after a step."""
-        bodies = _bodies(state)
+        bodies = state.bodies
         r = math.dist(bodies.pos[k + 1], bodies.pos[0])
         period = 2.0 * math.pi * math.sqrt(r**3 / (bodies.mass[0] + bodies.mass[k + 1]))
         return -math.expm1(-self.companions[k].accretion_rate * self._dt / period)
 
     def potential_energy(self, state: State) -> float:
         """Return the total potential energy of gas and dust in the field of the companions."""
-        bodies, energy = _bodies(state), 0.0
+        bodies, energy = state.bodies, 0.0
         for p in state.species.values():
             for k in range(len(self.companions)):
                 energy += base.point_mass_energy(p, bodies.felt_pos[k + 1], bodies.felt[k + 1], self._lengths[k])
@@ -323,11 +326,6 @@ def _warnings(scene: Scene, at: base.GasSamples) -> Iterator[str]:
                     f"{name} of companion {k} is {length / near.resolution:.2g} times the smoothing length h "
                     f"of the gas there, below 1: choose {other}gas.particles of about {needed:.2g}"
                 )
-
-
-def _bodies(state: State) -> Bodies:
-    assert state.bodies is not None
-    return state.bodies
 
 
 def _random_numbers(seed: int, step: int, companion: int, ids: np.ndarray) -> np.ndarray:

@@ -43,7 +43,7 @@ def _energy_equation_problems(draft: Draft) -> Iterator[Problem]:
         wrong = f'gas with eos.kind = "{draft.eos_kind}" has no energy equation'
         yield ("cooling",), f'{wrong}; expected eos.kind = "adiabatic"'
     else:
-        yield from base.scheme_without_particles(draft, "cooling", "cooling")
+        yield from base.grid_scheme_problems(draft, "cooling", "cooling")
 
 
 def _key_problems(draft: Draft) -> Iterator[Problem]:
@@ -96,7 +96,6 @@ class Effect(base.Effect):
     rules = (_energy_equation_problems, _key_problems, _star_problems, _temperature_problems)
 
     def __init__(self, scene: Scene, state: State) -> None:
-        assert scene.cooling is not None
         self.own = scene.cooling
         self.target = physics.target_energy_law(scene)
         self.radiation = physics.radiative_constants(scene) if self.own.kind == "radiative" else np.empty(0)

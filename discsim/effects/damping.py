@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 kernels = Lazy("discsim.kernels.common.damping")
 PARTICLE_COST = 12.0  # CPU nanoseconds in a step, per particle
-# Table of v*: number of nodes in ln r, and ratio of its outermost radius to that of the zones (innermost: inverse).
+# Table of v*: number of nodes in ln r, and factor in r by which the table extends beyond the zones on both sides.
 NODES, MARGIN = 4096, 8.0
 
 

@@ -88,11 +88,13 @@ class Effect(base.Effect):
         ]
 
     def kick(self, state: State, dt: float) -> None:
+        """Add dt times the acceleration to the velocities of the dust."""
         parallel_for(moves.add_scaled, state.dust.count, state.dust.vel, state.dust.acc, dt, light=True)
 
     def drift(self, state: State, dt: float) -> None:
         base.drift(self.scene, state.dust, dt, self.central_masses)
 
     def sort(self, state: State) -> None:
+        """Sort the arrays of the dust by grid cell, if the state has a grid."""
         if state.grid is not None:
             state.dust.sort(*state.grid.places(state.dust.pos))

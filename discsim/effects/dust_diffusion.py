@@ -79,7 +79,7 @@ def _dust_problems(draft: Draft) -> Iterator[Problem]:
     if not draft.has("dust"):
         yield ("dust_diffusion",), "dust diffusion needs dust; expected a table [dust] too"
     else:
-        yield from base.scheme_without_particles(draft, "dust_diffusion", "dust diffusion")
+        yield from base.grid_scheme_problems(draft, "dust_diffusion", "dust diffusion")
 
 
 def _gas_problems(draft: Draft) -> Iterator[Problem]:

@@ -48,6 +48,7 @@ class Effect(base.Effect):
         ]
 
     def accelerate(self, view: base.View) -> None:
+        """Add the accelerations to `acc_unshared` of gas and dust."""
         for name, particles in view.species.items():
             acc = particles.acc_unshared
             acc += self.constant[name]

@@ -279,6 +279,7 @@ class Effect(base.Effect):
         base.drift(self.scene, state.gas, dt, self.central_masses)
 
     def sort(self, state: State) -> None:
+        """Sort the arrays of the gas by the cells of the neighbour search."""
         if state.gas.global_count > 0:
             state.gas.sort(*self.sph.keys(state.gas))
 

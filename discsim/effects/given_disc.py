@@ -20,7 +20,7 @@ from discsim.numerics.state import State
 from discsim.numerics.threads import parallel_for
 from discsim.parts import EOS, Lazy
 from discsim.physics.centre import central_mass
-from discsim.physics.given_disc import GivenDisc
+from discsim.physics.given_disc import PrescribedDisc
 from discsim.physics.laws import SceneLaw
 from discsim.physics.radiation import pull_share
 from discsim.scene.keys.background import Keys
@@ -85,16 +85,16 @@ class Dust(dust.Effect):
 
 
 class Drag(DragEffect):
-    """One-way drag of the dust by the given disc."""
+    """One-way drag of the dust by the prescribed disc. stopping_times (n,): of the dust at the last kick."""
 
     def __init__(self, scene: Scene, state: State) -> None:
         self.law = SceneLaw(scene)
         self.ratios = np.array([population.ratio for population in scene.dust])
         self.pull = pull_share(scene)
         self.scene, self.star = scene, scene.star
-        self.disc = GivenDisc(scene)
+        self.disc = PrescribedDisc(scene)
         self.gas = self.disc.laws, *self.disc.table()
-        self.stopping_times = np.empty(0)  # of the dust (n,) at the last kick
+        self.stopping_times = np.empty(0)
 
     @classmethod
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
@@ -108,6 +108,7 @@ class Drag(DragEffect):
         return [base.Operator("drag.kick", base.Slot.KICK, self.kick)]
 
     def kick(self, state: State, dt: float) -> None:
+        """Kick the dust over dt, and store its stopping times."""
         self.stopping_times = self._relax(state, state.dust.vel, dt)
 
     def current_stopping_times(self, state: State) -> np.ndarray:

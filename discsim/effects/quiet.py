@@ -96,7 +96,6 @@ class QuietPlane:
     def split_pressure(self, state: View, sph: Sph) -> Iterator[Array]:
         """Return a context manager that yields the pressure (n,) for the SPH forces of pairs, eq. (5)."""
         gas = state.gas
-        assert gas is not None
         logs = np.log(gas.density)
         mean, first, second = totals(np.column_stack([gas.mass, logs, logs * logs])) / np.array([self.area, 1.0, 1.0])
         number = gas.global_count
@@ -108,8 +107,8 @@ class QuietPlane:
 class QuietDisc:
     """Densities and mean pressures of rings for quiet gas in a disc, eqs. (1) to (4).
 
-    reference: radius with the ring coordinate 0. width: width of rings there over this radius. flaring: exponent in
-    H / r ~ r^flaring.
+    reference: radius with the ring coordinate 0. width: width of a ring at this radius over the radius. flaring:
+    exponent in H / r ~ r^flaring.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -129,7 +128,7 @@ class QuietDisc:
         At its end the context manager adds -grad B / rho to `gas.acc_unshared`, and sets density and pressure of the
         gas by eqs. (1) and (4). sph: SPH sums with the velocity gradients of the gas.
         """
-        gas = _gas(state)
+        gas = state.gas
         self._advance_density(state, sph)
         pressure, acceleration, correction = self.pair_pressure(state)
         yield pressure
@@ -139,7 +138,7 @@ class QuietDisc:
 
     def _advance_density(self, state: View, sph: Sph) -> None:
         """Advance `gas.followed`, the density of eq. (1), to the time of the state, and scale `gas.pressure` to it."""
-        gas = _gas(state)
+        gas = state.gas
         away = np.sqrt((state.from_centre(gas.pos) ** 2).sum(axis=1))
         parallel_for(
             kernels.follow, gas.count, state.time, self.keys.time, state.kepler_omega(away), sph.slopes, gas.density,
@@ -149,7 +148,7 @@ class QuietDisc:
 
     def pair_pressure(self, state: View) -> tuple[Array, Array, Array]:
         """Return P - B (n,), the acceleration -grad B / rho (n, 2) of eq. (3), and rho' / rho (n,) of eq. (4)."""
-        gas, pos = _gas(state), state.from_centre(state.gas.pos)
+        gas, pos = state.gas, state.from_centre(state.gas.pos)
         r = np.maximum(np.sqrt((pos**2).sum(axis=1)), TINY)
         pressure, acc = copied(gas.pressure), np.zeros_like(pos)
         coordinate = self._ring_coordinates(r)
@@ -182,7 +181,7 @@ class QuietDisc:
 
         at (n,): ring coordinates of the particles, relative to `first`. r (n,): radii of the particles.
         """
-        gas = _gas(state)
+        gas = state.gas
         density = gas.pressure / gas.sound_speed**2  # P / c_s^2
         mass = gas.mass * density / gas.followed
         log = float(np.abs(np.log(density * r)).max(initial=0.0))
@@ -208,12 +207,6 @@ class QuietDisc:
         fraction = bound * number2 / (number2 + SPARSE**2)
         speed = eos_of(self.scene).thermal_speed(self.scene, rings.radius)
         return CubicSpline(np.arange(len(number2)), fraction * rings.density * speed**2).c
-
-
-def _gas(state: View) -> Any:
-    """Return the gas of a state, which has the arrays of quiet gas."""
-    assert state.gas is not None and state.gas.followed is not None
-    return state.gas
 
 
 def _ring_range(coordinate: Array) -> tuple[float, int]:

@@ -35,7 +35,7 @@ def _scene_problems(draft: Draft) -> Iterator[Problem]:
     """Yield problems of a scene without a star, or without dust particles."""
     reasons = {"dust": "radiation pressure acts on dust", "star": "radiation pressure needs a star"}
     yield from missing_tables(draft, ("radiation_pressure",), reasons)
-    yield from base.scheme_without_particles(draft, "radiation_pressure", "radiation pressure")
+    yield from base.grid_scheme_problems(draft, "radiation_pressure", "radiation pressure")
 
 
 def _beta_problems(draft: Draft) -> Iterator[Problem]:
@@ -59,7 +59,6 @@ class Effect(base.Effect):
     rules = (_scene_problems, _beta_problems)
 
     def __init__(self, scene: Scene, state: State) -> None:
-        assert scene.star is not None
         self.softening = scene.star.softening
         self.beta = 1.0 - pull_share(scene)  # of each population
         self.in_drift, self.step = in_drift(scene), _relative_step(scene)
@@ -91,6 +90,7 @@ class Effect(base.Effect):
         ]
 
     def accelerate(self, view: base.View) -> None:
+        """Add the acceleration by radiation pressure to `acc_unshared` of the dust."""
         dust, strength = view.dust, view.star_mass * self.beta
         away = view.from_star(dust.pos)
         parallel_for(kernels.push, dust.count, away, dust.species, strength, self.softening, dust.acc_unshared)

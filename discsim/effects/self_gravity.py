@@ -165,7 +165,6 @@ class Effect(base.Effect):
     role = base.Role(grid=True)
 
     def __init__(self, scene: Scene, state: State) -> None:
-        assert scene.self_gravity is not None and state.grid is not None
         self.grid = grid = state.grid
         self.sources = [name for name in state.species if name in scene.self_gravity.sources]
         self.remedy = "a longer self_gravity.softening"
@@ -273,9 +272,11 @@ class _Monopole(NamedTuple):
     kernel: Kernel
 
     def potential(self, pos: Array) -> Array:
+        """Return the potential (n,) at the positions `pos` (n, d)."""
         return self.mass * self.kernel.potential(_length(self._separation(pos)))
 
     def acceleration(self, pos: Array) -> Array:
+        """Return the acceleration (n, d) at the positions `pos` (n, d)."""
         separation = self._separation(pos)
         return -self.mass * self.kernel.pull(_length(separation))[:, None] * separation
 
@@ -284,4 +285,5 @@ class _Monopole(NamedTuple):
 
 
 def _length(vectors: Array) -> Array:
+    """Return the lengths (n,) of vectors (n, d)."""
     return np.sqrt((vectors**2).sum(axis=1))

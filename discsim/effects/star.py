@@ -142,6 +142,10 @@ class Effect(base.Effect):
         ]
 
     def accelerate(self, view: base.View) -> None:
+        """Add the gravity of the star, and the acceleration by the motion of the frame, to `acc` of gas and dust.
+
+        A moving star without companions gets its own acceleration here too.
+        """
         bodies, star = view.bodies, (view.star_pull, self.star.softening, *view.star_place)
         both, counted = view.species, self.counted if view.bodies is not None else []
         first = {name for name in both if view.is_first(f"{name}.acc")}

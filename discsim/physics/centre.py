@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,14 +16,12 @@ Array = np.ndarray
 
 def central(scene: Scene) -> Array:
     """Return a mask (n,) of the bodies in the central mass of the disc; entry 0 is the star, then come companions."""
-    star: Any = scene.star
-    return centre.central(star.centre, [c.eccentricity for c in scene.table("companion") or ()])
+    return centre.central(scene.star.centre, [c.eccentricity for c in scene.table("companion") or ()])
 
 
 def central_mass(scene: Scene) -> float:
     """Return the central mass of the disc at the start."""
-    star: Any = scene.star
-    masses = np.array([star.mass, *(c.mass for c in scene.table("companion") or ())])
+    masses = np.array([scene.star.mass, *(c.mass for c in scene.table("companion") or ())])
     return float(masses[central(scene)].sum())
 
 
@@ -32,8 +30,7 @@ def kepler_omega(scene: Scene, r: Array | float, mass: float | None = None) -> A
 
     mass: central mass, by default the initial one.
     """
-    star: Any = scene.star
-    return centre.omega(central_mass(scene) if mass is None else mass, r, star.softening)
+    return centre.omega(central_mass(scene) if mass is None else mass, r, scene.star.softening)
 
 
 def star_pull(scene: Scene, r: Array) -> Array:
@@ -41,8 +38,7 @@ def star_pull(scene: Scene, r: Array) -> Array:
 
     Radiation pressure is a fixed fraction of this acceleration, outwards.
     """
-    star: Any = scene.star
-    return np.asarray(star.mass * r / (r**2 + star.softening**2) ** 1.5)
+    return np.asarray(scene.star.mass * r / (r**2 + scene.star.softening**2) ** 1.5)
 
 
 def passive_speed(scene: Scene, aspect_ratio: float, r: float) -> float:

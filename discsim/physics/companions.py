@@ -69,25 +69,22 @@ def softening(scene: Scene, companion: Any, r: float, mass: float | None = None)
 
 def hill_radius(scene: Scene, companion: Any) -> float:
     """Return the Hill radius a (m / 3 M)^(1/3), within which the gravity of a companion dominates."""
-    star: Any = scene.star
-    return companion.semi_major_axis * (companion.mass / (3.0 * star.mass)) ** (1.0 / 3.0)
+    return companion.semi_major_axis * (companion.mass / (3.0 * scene.star.mass)) ** (1.0 / 3.0)
 
 
 def period(scene: Scene, companion: Any) -> float:
     """Return the period of a companion's orbit about the star."""
-    star: Any = scene.star
-    mass = orbits.orbital_mass(scene, star.mass, companion.mass)
+    mass = orbits.orbital_mass(scene, scene.star.mass, companion.mass)
     return 2.0 * math.pi * math.sqrt(companion.semi_major_axis**3 / mass)
 
 
 def gap_number(scene: Scene, companion: Any) -> float:
     """Return the gap number K of eq. (2), with alpha of [alpha_viscosity]."""
-    star: Any = scene.star
     a = companion.semi_major_axis
     height = float(scale_height(scene, a))
     nu = float(viscosity.diffusivity(scene, np.array([a]))[0])
     alpha = nu / (height**2 * kepler_omega(scene, a))
-    return float((companion.mass / star.mass) ** 2 * (height / a) ** -5 / alpha)
+    return float((companion.mass / scene.star.mass) ** 2 * (height / a) ** -5 / alpha)
 
 
 def step_of_orbit(scene: Scene, companion: Any, time: float) -> Array | float:
@@ -96,8 +93,7 @@ def step_of_orbit(scene: Scene, companion: Any, time: float) -> Array | float:
     For an unbound companion, r is the distance at `time`. For a bound eccentric orbit, the result is an array
     (PHASES,) with values at equidistant times in half an orbit, which represent the other half too.
     """
-    star: Any = scene.star
-    a, e, mu = companion.semi_major_axis, companion.eccentricity, star.mass + companion.mass
+    a, e, mu = companion.semi_major_axis, companion.eccentricity, scene.star.mass + companion.mass
     if e > 1.0:
         mean = kepler.mean_anomaly(e, math.radians(companion.phase)) + math.sqrt(mu / a**3) * time
         return math.sqrt(math.hypot(*kepler.at_mean_anomaly(mu, a, e, mean)[:2]) ** 3 / mu)
@@ -161,8 +157,7 @@ def _nearest_distance(scene: Scene, companion: Any, outlook: ForecastState) -> f
 
 def is_second_star(scene: Scene, companion: Any) -> bool:
     """Return whether a companion is massive enough to count as a star. Hill radius and gap are defined for planets."""
-    star: Any = scene.star
-    return bool(companion.mass >= LARGEST_PLANET * star.mass)
+    return bool(companion.mass >= LARGEST_PLANET * scene.star.mass)
 
 
 def particles_reach(scene: Scene, companion: Any, outlook: ForecastState) -> bool:
@@ -173,12 +168,11 @@ def particles_reach(scene: Scene, companion: Any, outlook: ForecastState) -> boo
     factor 1 + 2 e on an eccentric one. If the disc lies wholly inside or outside the orbit, its particles need half an
     orbital period to come near a planet, and a full period for a star.
     """
-    star: Any = scene.star
     a, e = companion.semi_major_axis, companion.eccentricity
     width, orbits_needed = REACH_OF_PLANET, 0.5
     if is_second_star(scene, companion):
         width, orbits_needed = REACH_OF_STAR * (1.0 + 2.0 * e), 1.0
-    reach = width * (companion.mass / (star.mass + companion.mass)) ** (2.0 / 7.0) * a
+    reach = width * (companion.mass / (scene.star.mass + companion.mass)) ** (2.0 / 7.0) * a
     nearest, farthest = a * abs(1.0 - e), a * (1.0 + e) if e < 1.0 else math.inf
     is_outside = not (outlook.inner <= farthest and outlook.outer >= nearest)
     if is_outside and e < 1.0 and outlook.elapsed < orbits_needed * period(scene, companion):
@@ -210,15 +204,15 @@ def _mean_rings(scene: Scene) -> Any:
 
     For a star that moves on a circle, a ring for the star and a negative mass at the centre are yielded too.
     """
-    star: Any = scene.star
     for companion, central in zip(scene.table("companion") or (), centre.central(scene)[1:].tolist(), strict=True):
         mass, distance = companion.mass, companion.semi_major_axis
         if companion.eccentricity >= 1.0:
             continue
         if ramped(companion, 0.0) == 0.0:
             if central:
-                yield mass, 0.0, star.softening
+                yield mass, 0.0, scene.star.softening
             continue
+        star = scene.star
         share = star.mass / (star.mass + mass) if central else 1.0  # companion's distance from the centre, over a
         yield mass, share * distance, softening(scene, companion, share * distance)
         if central:

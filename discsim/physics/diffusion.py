@@ -10,7 +10,7 @@ any Stokes number.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,7 +26,7 @@ NODES, INWARDS = 4096, 1e5  # number of nodes of the table in ln r; ratio of its
 
 def is_viscosity(scene: Scene) -> bool:
     """Return whether the gas diffusivity D_g is the viscosity of [alpha_viscosity]."""
-    keys: Any = scene.table("dust_diffusion")
+    keys = scene.table("dust_diffusion")
     return keys.alpha is None and keys.D is None
 
 
@@ -35,13 +35,13 @@ def constant(scene: Scene) -> float | None:
 
     Returns None if the diffusivity of the gas is alpha c_s H.
     """
-    keys: Any = scene.table("dust_diffusion")
+    keys = scene.table("dust_diffusion")
     return scene.table("alpha_viscosity").nu if is_viscosity(scene) else keys.D
 
 
 def alpha(scene: Scene, r: Array) -> Array:
     """Return alpha (n,) at radii `r` (n,), for scenes in which `constant` returns None."""
-    keys: Any = scene.table("dust_diffusion")
+    keys = scene.table("dust_diffusion")
     return viscosity.alpha(scene, r) if is_viscosity(scene) else np.full(np.shape(r), keys.alpha)
 
 

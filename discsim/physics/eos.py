@@ -293,7 +293,6 @@ class PolytropicGas(Eos):
         return eos.gamma
 
     def thermal_speed(self, scene: Scene, r: Array | None, density: Array | None = None) -> Array:
-        assert density is not None
         return self.sound_speed(scene, r, density) / np.sqrt(scene.gas.eos.gamma)
 
     def sound_speed(self, scene: Scene, r: Array | None, density: Array) -> Array:
@@ -371,8 +370,7 @@ def _speed_of_start(scene: Scene, r: Array) -> Array | None:
     """Return the thermal speed (n,) that the start defines at radius `r` (n,); None if it defines none."""
     if scene.initial is None or (speed := STARTS[scene.initial.kind].thermal_speed) is None:
         return None
-    found: Array | None = speed(scene, np.asarray(r, dtype=float))
-    return found
+    return speed(scene, np.asarray(r, dtype=float))
 
 
 def _speed_of_temperature(scene: Scene, r: Array) -> Array:

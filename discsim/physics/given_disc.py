@@ -6,7 +6,7 @@ for a gap, with G(r) = exp(-(r - radius)^2 / (2 width^2)). With [alpha_viscosity
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,7 +21,7 @@ Array = np.ndarray
 NODES, INWARDS = 16_384, 1e5
 
 
-class GivenDisc:
+class PrescribedDisc:
     """Prescribed gas disc. Methods take radii (n,) and return arrays (n,) in code units.
 
     c_T = sqrt(P / Sigma) is the thermal speed. laws: (Sigma, p, c_T^2, q, f) of the power laws Sigma ~ r^-p and
@@ -30,7 +30,7 @@ class GivenDisc:
     """
 
     def __init__(self, scene: Scene):
-        given: Any = scene.background
+        given = scene.background
         self.scene, self.given, self.eos = scene, given, EOS[given.eos.kind]
         self.viscous = scene.table("alpha_viscosity") is not None
         p = given.surface_density_index
@@ -40,6 +40,7 @@ class GivenDisc:
         self.is_power_law = given.file is None and given.bump is None and given.gap is None
 
     def surface_density(self, r: Array) -> Array:
+        """Return Sigma (n,)."""
         if self.is_power_law:
             return self.laws[0] * r ** -self.laws[1]
         return self._density_and_slope(r)[0]
@@ -49,6 +50,7 @@ class GivenDisc:
         return self.thermal_speed(r) * np.sqrt(self.eos.adiabatic_index(self.given.eos, self.surface_density(r)))
 
     def thermal_speed(self, r: Array) -> Array:
+        """Return c_T = sqrt(P / Sigma) (n,)."""
         if self.is_power_law:
             return np.sqrt(self.laws[2] * r ** -self.laws[3])
         return np.sqrt(self._speed2_and_pull(r)[0])

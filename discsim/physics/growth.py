@@ -7,7 +7,7 @@ With one-way drag it does not, as dust must not change the gas.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -27,13 +27,13 @@ SEED = 1e-12  # smallest mass of a dust particle, as a fraction of the total dus
 
 def smallest_size(scene: Scene) -> float:
     """Return a_min in code units."""
-    keys: Any = scene.table("growth")
+    keys = scene.table("growth")
     return keys.small_size / RANGE if keys.smallest is None else keys.smallest
 
 
 def small_ratio(scene: Scene) -> float:
     """Return the initial mass ratio of small dust to gas."""
-    keys: Any = scene.table("growth")
+    keys = scene.table("growth")
     (dust,) = scene.dust or ()
     return dust.ratio if keys.small_ratio is None else keys.small_ratio
 
@@ -55,13 +55,12 @@ def small_dust_in_mass(scene: Scene) -> bool:
 
 def gas_fraction(scene: Scene, gas: Gas, rows: slice = slice(None)) -> Array | float:
     """Return the mass fraction (n,) of gas without small dust in the gas particles `rows`; 1 with one-way drag."""
-    assert gas.small is not None
     return 1.0 - gas.small[rows] / gas.mass[rows] if small_dust_in_mass(scene) else 1.0
 
 
 def alpha(scene: Scene, r: Array, speed2: Array, omega: Array) -> Array:
     """Return the turbulence parameter alpha (n,) at radii `r` (n,). speed2 (n,): c_T^2. omega (n,): Omega."""
-    keys: Any = scene.table("growth")
+    keys = scene.table("growth")
     if keys.alpha is not None:
         return np.full(np.shape(r), keys.alpha)
     nu = scene.table("alpha_viscosity").nu
@@ -99,7 +98,7 @@ def limits(scene: Scene, at: GasSamples) -> Limits | None:
     (dust,) = scene.dust or ()
     speed2, material = at.thermal_speed**2, dust.grain_density
     strength = alpha(scene, at.radius, speed2, at.omega)
-    keys: Any = scene.table("growth")
+    keys = scene.table("growth")
     points = zip(at.density, strength, speed2, strict=True)
     breaks = [
         formulas.fragmentation_size(sigma, keys.fragmentation_speed, a, float(np.sqrt(c2)), material)

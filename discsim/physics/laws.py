@@ -77,7 +77,7 @@ class SceneLaw:
     """
 
     def __init__(self, scene: Scene):
-        drag: Any = scene.drag
+        drag = scene.drag
         law: Law = LAWS[drag.law]
         self.code = law.form
         self.nonlinear = drag.supersonic or law.needs_mean_free_path
@@ -88,7 +88,7 @@ class SceneLaw:
 
     def rows(self, species: Array, size: Array) -> Array:
         """Return the parameters (n, 5) of grains. species (n,): populations of the grains. size (n,): grain sizes."""
-        rows: Array = self.grains[species]
+        rows = self.grains[species]
         rows[:, [formulas.VALUE, formulas.SIZE]] *= (size / self.typical[species])[:, None]
         return rows
 

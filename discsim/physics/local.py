@@ -138,12 +138,14 @@ class GasSamples:
 
     @property
     def scale_height(self) -> Array | None:
+        """Scale height H = c_T / Omega (n,)."""
         if self.thermal_speed is None or self.omega is None:
             return None
         return self.thermal_speed / self.omega
 
     @property
     def toomre_q(self) -> Array | None:
+        """Toomre's Q = c_s Omega / (pi G Sigma) (n,)."""
         if self.sound_speed is None or self.omega is None:
             return None
         return self.sound_speed * self.omega / (math.pi * self.density)

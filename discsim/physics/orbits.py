@@ -77,9 +77,8 @@ def pulling(scene: Scene) -> list[str]:
 
 def felt_by_star(scene: Scene) -> frozenset[str]:
     """Return the names of the sources that accelerate the star: "companions", "gas" and "dust", or some of them."""
-    star: Any = scene.star
-    if star.indirect is not None:
-        return frozenset(star.indirect)
+    if scene.star.indirect is not None:
+        return frozenset(scene.star.indirect)
     found = {"companions"} if scene.table("companion") else set()
     if scene.self_gravity is not None:
         found |= {name for name in pulling(scene) if name in scene.self_gravity.sources}
@@ -116,7 +115,6 @@ def masses_in_drift(scene: Scene, species: str) -> Array | None:
     """Return the central masses (populations,) of the Kepler drifts of a species; None for drifts on straight lines."""
     if not in_drift(scene):
         return None
-    assert scene.star is not None
     return scene.star.mass * (pull_share(scene) if species == "dust" else np.ones(1))
 
 
@@ -156,7 +154,7 @@ class Orbits:
     """
 
     def __init__(self, scene: Scene) -> None:
-        star: Any = scene.star
+        star = scene.star
         self.companions: tuple[Any, ...] = scene.table("companion") or ()
         self.feels = [feels(scene, c) for c in self.companions]
         self.live = np.array([c.orbit == "live" for c in self.companions], bool)

@@ -62,8 +62,7 @@ class Radial:
 
 def radial(scene: Scene) -> Radial:
     """Return the initial disc of a scene."""
-    found: Radial = STARTS[scene.initial.kind].radial(scene)
-    return found
+    return STARTS[scene.initial.kind].radial(scene)
 
 
 def disc_of_density(
@@ -140,10 +139,9 @@ def sigma_ref(scene: Scene) -> float:
 
 def reference_density(scene: Scene) -> float:
     """Return Sigma at the reference radius of [background], or else of the start."""
-    given: Any = scene.background
-    if not given:
-        found: float = STARTS[scene.initial.kind].reference_density(scene)
-        return found
+    given = scene.background
+    if given is None:
+        return STARTS[scene.initial.kind].reference_density(scene)
     if given.surface_density is not None:
         return given.surface_density
     return float(given.file.value("Sigma", np.array([given.reference_radius]))[0])
@@ -160,8 +158,7 @@ def initial_thermal_speed(scene: Scene, r: Array, density: Array | None = None) 
     density (n,): surface density, needed for polytropic SPH gas only.
     """
     if scene.model.given is not None:
-        found: Array = scene.model.given(scene).thermal_speed(r)
-        return found
+        return scene.model.given(scene).thermal_speed(r)
     return eos_of(scene).thermal_speed(scene, r, density)
 
 

@@ -40,7 +40,5 @@ def circular_minus_keplerian(scene: Scene, species: np.ndarray, r: np.ndarray, k
     species (n,): populations of the grains. r (n,): radii. keplerian (n,): Keplerian velocity. The result is negative,
     as radiation pressure reduces gravity. Grains that radiation expels have the circular velocity 0.
     """
-    found = radiation_velocities(scene, r, keplerian)
-    assert found is not None
-    own = found[species, np.arange(len(r))]
+    own = radiation_velocities(scene, r, keplerian)[species, np.arange(len(r))]
     return np.sqrt(np.maximum(keplerian * (keplerian - own), 0.0)) - keplerian

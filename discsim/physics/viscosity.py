@@ -26,7 +26,7 @@ quiet gas it is multiplied by (1.03 - share) 10 / time, with these keys of gas.q
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -51,7 +51,7 @@ QUIET_NOISE, QUIET_TIME = 0.03, 10.0  # quiet gas: fraction of noise left at sha
 
 def alpha(scene: Scene, r: Array) -> Array:
     """Return alpha (n,) of [alpha_viscosity] at radii `r` (n,) > 0, eqs. (2) and (3); not for a table with `nu`."""
-    keys: Any = scene.table("alpha_viscosity")
+    keys = scene.table("alpha_viscosity")
     log = np.log(r)
     if keys.alpha is not None:
         found = np.full_like(log, keys.alpha)
@@ -80,7 +80,7 @@ def diffusivity(scene: Scene, r: Array, thermal_speed: Array | None = None, cent
     thermal_speed (n,): c_s of the gas, by default from the scene's initial temperature; polytropic SPH gas has no
     default. central_mass: central mass, by default the initial one.
     """
-    keys: Any = scene.table("alpha_viscosity")
+    keys = scene.table("alpha_viscosity")
     if keys.nu is not None:
         return np.full(np.shape(r), keys.nu)
     r = np.maximum(r, 1e-300)
@@ -124,7 +124,7 @@ def at_places(scene: Scene, radius: Array | None, thermal_speed: Array | None, l
     like (n,): any array with a value for each point, for the length of the result. Returns None if the scene has no
     viscosity, or nu needs a radius or thermal speed that is None.
     """
-    keys: Any = scene.table("alpha_viscosity")
+    keys = scene.table("alpha_viscosity")
     if keys is None or (keys.nu is None and (radius is None or thermal_speed is None)):
         return None
     return diffusivity(scene, np.ones_like(like) if radius is None else radius, thermal_speed)

@@ -14,7 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from discsim.effects.base import Effect, kick_effect
+from discsim.effects.base import Effect, kick_effect_name
 from discsim.numerics.state import State
 from discsim.output.checkpoint import Values
 from discsim.output.contents import Extent, extent_of
@@ -170,7 +170,7 @@ class DividedRun(Run):
     def _write_output(self) -> None:
         sim, comm, divided = self.sim, self.comm, files.write_in_parts(self.comm, self.sim.state)
         unfinished = gathered(comm, sim.state, "ids", divided, OPEN_STEP_ARRAYS)
-        open_step = open_step_of(unfinished, kick_effect(sim.effects) is not None)
+        open_step = open_step_of(unfinished, kick_effect_name(sim.effects) is not None)
         del unfinished  # to free memory
         with sim.closed() as state:
             extra = gathered_columns(comm, state, columns(state, sim.effects.values()), "ids", divided)

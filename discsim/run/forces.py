@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from discsim.effects.base import Effect, kick_effect
+from discsim.effects.base import Effect, kick_effect_name
 from discsim.numerics import alloc, world
 from discsim.numerics.operators import GROWS, Limit, Operator, Slot, View, accelerate, limits
 from discsim.numerics.state import State
@@ -54,7 +54,7 @@ class Plan:
     """
 
     def __init__(self, effects: Effects, state: State) -> None:
-        self.names, self.kicks_together = [*effects], kick_effect(effects)
+        self.names, self.kicks_together = [*effects], kick_effect_name(effects)
         self._slots: dict[Slot, list[tuple[str, Operator]]] = {slot: [] for slot in Slot}
         for name, operator in declarations.checked(effects, state):
             if operator.slot is not Slot.KICK or self.kicks_together in (None, name):

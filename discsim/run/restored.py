@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from discsim.effects.base import kick_effect
+from discsim.effects.base import kick_effect_name
 from discsim.initial import start_time
 from discsim.numerics.bodies import Bodies
 from discsim.numerics.entries import EntryError, check_arrays, check_finite, check_like, check_ranges
@@ -86,7 +86,7 @@ def _checked_acc_unshared(
 
     There must be one for each particle of a species, or none.
     """
-    wanted = set(particles) if kick_effect(effects) is not None else set()
+    wanted = set(particles) if kick_effect_name(effects) is not None else set()
     if held.keys() != wanted:
         raise EntryError(
             f"the accelerations of own_acc are those of {', '.join(held) or 'no species'}; "

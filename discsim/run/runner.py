@@ -11,7 +11,7 @@ from typing import Any
 
 from numba.core import event
 
-from discsim.effects.base import kick_effect
+from discsim.effects.base import kick_effect_name
 from discsim.initial import start_time
 from discsim.jit import cache
 from discsim.output import hdf5
@@ -337,7 +337,7 @@ class Run:
     def _write_output(self) -> None:
         """Write the next snapshot, a row of history.csv and costs.csv."""
         sim = self.sim
-        open_step = open_step_of(sim.state, kick_effect(sim.effects) is not None)
+        open_step = open_step_of(sim.state, kick_effect_name(sim.effects) is not None)
         with sim.closed() as state:
             extra = columns(state, sim.effects.values())
             gas = with_present_pressure(state)

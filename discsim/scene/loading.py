@@ -119,7 +119,7 @@ class Scene(Summarised, BaseModel):
     @property
     def model(self) -> GasModel:
         """The gas model: the first one of `discsim.parts.MODELS` that fits the scene."""
-        return next(model for model in map(import_object, MODELS) if model.is_of(self))
+        return next(model for model in map(import_object, MODELS) if model.applies_to(self))
 
     @property
     def effects(self) -> tuple[str, ...]:

@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 
 from discsim import Simulation
 from discsim.kernels.dust import background as kernels
-from discsim.physics.given_disc import GivenDisc
+from discsim.physics.given_disc import PrescribedDisc
 from discsim.preview.derived import derived
 from discsim.preview.forecast import forecast
 from discsim.preview.warnings import warnings
@@ -148,7 +148,8 @@ def test_epstein_in_the_given_density():
 )
 def test_given_gas_of_any_kind_is_in_balance(eos, pressure):
     """f c_T^2 / r is -(1/Sigma) dP/dr with c_T^2 = P / Sigma; c_s^2 is dP/dSigma at constant entropy."""
-    disc = GivenDisc(load_scene(scene(background={"surface_density": 0.01, "surface_density_index": 1.3, "eos": eos})))
+    background = {"surface_density": 0.01, "surface_density_index": 1.3, "eos": eos}
+    disc = PrescribedDisc(load_scene(scene(background=background)))
     r, dr = np.array([0.5, 1.0, 3.0]), 1e-5
     sigma = disc.surface_density(r)
     np.testing.assert_allclose(sigma, 0.01 * r**-1.3)

@@ -8,7 +8,7 @@ import sys
 import numpy as np
 
 from discsim import Simulation, read_snapshot
-from discsim.effects.base import kick_effect
+from discsim.effects.base import kick_effect_name
 from discsim.numerics import thread_pool, threads
 from discsim.output.checkpoint import read_checkpoint
 from discsim.output.open_step import open_step_of
@@ -208,7 +208,7 @@ def contents(directory):
 
 def put_out(sim, path):
     """The snapshot that a run writes of a simulation between two steps."""
-    step = open_step_of(sim.state, kick_effect(sim.effects) is not None)
+    step = open_step_of(sim.state, kick_effect_name(sim.effects) is not None)
     with sim.synchronised() as state:
         write_snapshot(path, sim.scene, state.time, state.gas, state.dust, {}, state.bodies, step)
 

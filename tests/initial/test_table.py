@@ -8,7 +8,7 @@ from scenes import problems
 from discsim import Simulation, load_scene
 from discsim.output.snapshot import write_snapshot
 from discsim.physics import profile
-from discsim.physics.given_disc import GivenDisc
+from discsim.physics.given_disc import PrescribedDisc
 from discsim.preview.derived import derived, local
 from discsim.scene import SceneError
 
@@ -80,7 +80,7 @@ def test_kelvins_of_a_table_are_those_of_its_molecules(tmp_path, mu):
         "dust": {"particles": 400, "ratio": 0.01},
         "drag": {"law": "stokes-number", "stokes": 0.1, "direction": "one-way"},
     }  # fmt: skip
-    given = GivenDisc(load_scene({k: v for k, v in (tables | beside).items() if v is not None}))
+    given = PrescribedDisc(load_scene({k: v for k, v in (tables | beside).items() if v is not None}))
     unit = sim.scene.units.cgs("velocity")
     for place, speed in (
         (np.hypot(*sim.gas.pos.T), sim.gas.sound_speed),
@@ -99,7 +99,7 @@ def test_given_gas_beyond_the_ends_of_its_table_goes_on_as_powers(tmp_path):
     tables |= {"initial": {"kind": "disc", "surface_density": 1e-4, "inner": 1.2, "outer": 2.7}}
     tables |= {"drag": {"law": "stokes-number", "stokes": 0.2, "direction": "one-way"}}
     del tables["gas"]
-    given, r = GivenDisc(load_scene(tables)), np.array([0.3, 0.85, 3.4, 7.0])
+    given, r = PrescribedDisc(load_scene(tables)), np.array([0.3, 0.85, 3.4, 7.0])
     # Rounding of 60 logarithms and of the cubics' slopes through them.
     np.testing.assert_allclose(given.surface_density(r), 1e-4 * r**-1.5, rtol=1e-9)
     np.testing.assert_allclose(given.thermal_speed(r) ** 2, 0.0025 / r, rtol=1e-9)

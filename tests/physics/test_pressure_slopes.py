@@ -7,7 +7,7 @@ from scenes import changed
 
 from discsim import Simulation, load_scene
 from discsim.physics import growth
-from discsim.physics.given_disc import GivenDisc
+from discsim.physics.given_disc import PrescribedDisc
 from discsim.physics.profile import kepler_omega, pressure_slopes
 from discsim.preview.derived import derived, local
 
@@ -59,7 +59,7 @@ def test_slopes_on_a_bump_of_a_given_disc():
         "drag": {"law": "stokes-number", "stokes": 0.1, "direction": "one-way"},
     }
     scene = load_scene(tables)
-    given = GivenDisc(scene)
+    given = PrescribedDisc(scene)
 
     def logs(r):
         pressure = given.surface_density(r) * given.thermal_speed(r) ** 2

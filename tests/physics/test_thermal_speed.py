@@ -10,7 +10,7 @@ from scenes import changed
 
 from discsim import Simulation, load_scene, read_snapshot
 from discsim.output.fields.gas import aspect_ratio, surface_density
-from discsim.physics.given_disc import GivenDisc
+from discsim.physics.given_disc import PrescribedDisc
 from discsim.preview.derived import derived, local, stopping_times
 
 SIZE, MATERIAL, DENSITY, SOUND = 0.02, 3.0, 2.0, 0.7
@@ -145,7 +145,7 @@ def test_grains_in_a_given_polytrope_have_its_thermal_speed(gamma):
     tables = changed(disc({}), gas=None, drag={"direction": "one-way"}, background=given)
     r = np.array([0.6, 1.1, 2.3])
     for more in {}, {"bump": {"radius": 1.0, "width": 0.2, "height": 0.7}}:
-        found = GivenDisc(load_scene(changed(tables, background=more)))
+        found = PrescribedDisc(load_scene(changed(tables, background=more)))
         expected = np.sqrt(0.1 * found.surface_density(r) ** (gamma - 1))
         np.testing.assert_allclose(found.thermal_speed(r), expected, rtol=1e-12)
         np.testing.assert_allclose(found.sound_speed(r), math.sqrt(gamma) * expected, rtol=1e-12)
