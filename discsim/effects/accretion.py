@@ -31,7 +31,7 @@ class Accreted(NamedTuple):
 
 
 def accreted_masses(state: State, name: str, gone: np.ndarray) -> Accreted:
-    """Return the masses of the accreted particles: those of species `name` with the indices `gone` (k,)."""
+    """Return the masses of accreted particles of species `name`, which have the indices `gone` (k,)."""
     particles = state.species[name]
     mass, small = total(particles.mass[gone]), 0.0
     if name == "gas" and state.gas.small is not None:

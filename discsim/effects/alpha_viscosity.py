@@ -116,7 +116,7 @@ class Effect(base.Effect):
     @classmethod
     def expected_limit(cls, scene: Scene, outlook: base.ForecastState) -> base.Expected:
         at = outlook.at
-        nu = None if at.h is None else viscosity.at_places(scene, at.radius, at.thermal_speed, at.h)
+        nu = None if at.h is None else viscosity.diffusivity_at(scene, at.radius, at.thermal_speed, at.h)
         return base.Expected() if nu is None else at.smallest(viscosity.longest_step(scene, nu, at.h))
 
     def operators(self, state: State) -> list[base.Operator]:
@@ -179,13 +179,14 @@ def _viscosities(scene: Scene, at: base.GasSamples) -> tuple[str, tuple[np.ndarr
     requested: viscosity of [alpha_viscosity]. artificial: of SPH. noise: of particle noise. name: "alpha" if they are
     in units of c_s H, or "nu" in gas that does not rotate. Returns None if the scene does not define the viscosity.
     """
-    asked = viscosity.at_places(scene, at.radius, at.thermal_speed, at.density)
+    asked = viscosity.diffusivity_at(scene, at.radius, at.thermal_speed, at.density)
     if asked is None:
         return None
-    none = np.zeros_like(asked)
-    artificial, noise = (viscosity.artificial(scene, at), viscosity.noise(scene, at)) if scene.gas else (none, none)
+    artificial = noise = np.zeros_like(asked)
+    if scene.gas:
+        artificial, noise = viscosity.artificial_nu(scene, at), viscosity.noise_nu(scene, at)
     if at.omega is None or at.thermal_speed is None:
-        return "nu", (asked, artificial, none)
+        return "nu", (asked, artificial, np.zeros_like(asked))
     unit = at.thermal_speed**2 / at.omega
     return "alpha", (asked / unit, artificial / unit, noise / unit)
 

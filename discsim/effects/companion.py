@@ -260,7 +260,7 @@ class Effect(base.Effect):
                 position = bodies.felt_pos[k + 1].tolist()
                 for name in state.species:
                     self._accrete(state, k, name, position)
-        self.orbits.place(bodies, state.time)
+        self.orbits.set_bodies(bodies, state.time)
 
     def _accrete(self, state: State, k: int, name: str, position: list[float]) -> None:
         """Let companion `k`, at `position`, accrete particles of species `name` after a step, and remove these."""

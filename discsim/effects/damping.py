@@ -23,7 +23,7 @@ from discsim.numerics.threads import parallel_for
 from discsim.numerics.totals import rounded
 from discsim.parts import Lazy
 from discsim.physics.centre import kepler_omega
-from discsim.physics.orbits import masses_in_drift
+from discsim.physics.orbits import drift_masses
 from discsim.scene.keys.damping import Keys
 from discsim.scene.rules import Draft, Problem
 
@@ -99,7 +99,7 @@ class Effect(base.Effect):
         """Return the fractions of the star's pull that act in the drift: for the gas, then for each dust population."""
         found = []
         for name in state.species:
-            masses = masses_in_drift(self.scene, name)
+            masses = drift_masses(self.scene, name)
             rows = 1 if name == "gas" else len(self.scene.dust)
             found.append(np.zeros(rows) if masses is None else masses / self.scene.star.mass)
         return np.concatenate(found)

@@ -12,7 +12,7 @@ from discsim.effects import base
 from discsim.numerics.state import State
 from discsim.numerics.threads import parallel_for
 from discsim.parts import LAWS, SCHEMES, Lazy
-from discsim.physics.orbits import masses_in_drift
+from discsim.physics.orbits import drift_masses
 from discsim.scene.keys.dust import Keys, Sizes
 from discsim.scene.rules import Draft, Problem, kinds, quoted
 
@@ -73,7 +73,7 @@ class Effect(base.Effect):
 
     def __init__(self, scene: Scene, state: State) -> None:
         self.scene = scene
-        self.central_masses = masses_in_drift(scene, "dust")
+        self.central_masses = drift_masses(scene, "dust")
 
     @classmethod
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:

@@ -236,7 +236,7 @@ class _GasSampler:
     def subtract_angular_momentum(
         self, gained: np.ndarray, start: np.ndarray, end: np.ndarray, density: np.ndarray, centre: np.ndarray
     ) -> None:
-        """Subtract from the gas velocities the angular momenta `gained` (n,) by grains in a substep.
+        """Change gas velocities so that the gas loses the angular momenta `gained` (n,) that grains gain in a substep.
 
         start, end (n, d): positions of the grains before and after the substep. Gas near the middle of the substep
         loses the angular momentum or, if there is no gas, gas near `start`. density (n,): density of the gas at
@@ -259,7 +259,7 @@ class _GasSampler:
 
 def _rows(scene: Scene, at: base.GasSamples) -> Iterator[tuple[str, str]]:
     """Yield (name, text) of the diffusion coefficient and time of each dust population."""
-    found = diffusion.at_places(scene, at)
+    found = diffusion.diffusivities(scene, at)
     for i, (strength, _) in enumerate(found):
         which = f" {i}" if len(found) > 1 else ""
         texts = [scene.units.show(float(value), "diffusivity") for value in strength]
@@ -274,7 +274,7 @@ def _warnings(scene: Scene, at: base.GasSamples) -> Iterator[str]:
     if at.step is None or at.resolution is None:
         return
     dt = scene.run.timestep or scene.run.courant * at.step
-    for strength, _ in diffusion.at_places(scene, at):
+    for strength, _ in diffusion.diffusivities(scene, at):
         steps = 2.0 * strength * dt / (LONGEST_WALK * at.resolution) ** 2
         worst = int(np.argmax(steps))
         if steps[worst] > MANY_SUBSTEPS:

@@ -22,7 +22,7 @@ from discsim.parts import EOS, Lazy
 from discsim.physics import centre, companions, viscosity
 from discsim.physics.eos import eos_of, pressure_and_sound_speed, radius, thermal_speed
 from discsim.physics.local import longest_step, resolution
-from discsim.physics.orbits import masses_in_drift
+from discsim.physics.orbits import drift_masses
 from discsim.scene.keys.gas import Keys
 from discsim.scene.rules import Draft, Problem, quoted
 
@@ -146,7 +146,7 @@ class Effect(base.Effect):
     def __init__(self, scene: Scene, state: State) -> None:
         self.scene = scene
         self.sph = sums.Sph(scene)
-        self.central_masses = masses_in_drift(scene, "gas")
+        self.central_masses = drift_masses(scene, "gas")
         self.quiet = None
         if scene.gas.quiet is not None:
             self.quiet = quiet.QuietPlane(scene) if scene.star is None else quiet.QuietDisc(scene)

@@ -22,7 +22,7 @@ from discsim.parts import EOS, Lazy
 from discsim.physics.centre import central_mass
 from discsim.physics.given_disc import PrescribedDisc
 from discsim.physics.laws import SceneLaw
-from discsim.physics.radiation import pull_share
+from discsim.physics.radiation import gravity_factor
 from discsim.scene.keys.background import Keys
 from discsim.scene.rules import Draft, Problem, missing_tables, quoted
 
@@ -90,7 +90,7 @@ class Drag(DragEffect):
     def __init__(self, scene: Scene, state: State) -> None:
         self.law = SceneLaw(scene)
         self.ratios = np.array([population.ratio for population in scene.dust])
-        self.pull = pull_share(scene)
+        self.pull = gravity_factor(scene)
         self.scene, self.star = scene, scene.star
         self.disc = PrescribedDisc(scene)
         self.gas = self.disc.laws, *self.disc.table()

@@ -74,7 +74,7 @@ BITS = 61  # bits of integer sums, which do not depend on the order of particles
 class Rings(NamedTuple):
     """Properties of rings of gas, arrays (count,).
 
-    radius: mean radius. density: surface density Sigma, from the mass of the ring. number: number of particles.
+    radius: radius of the middle. density: surface density Sigma, from the mass of the ring. number: particles.
     scatter: standard deviation sigma of ln(r P / c_s^2). excess: ln(radius density) minus the mean of ln(r P / c_s^2);
     0 in rings with few particles.
     """

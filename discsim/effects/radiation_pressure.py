@@ -18,8 +18,8 @@ from discsim.effects.star import expected_orbit_limit, orbit_limit
 from discsim.numerics.state import State
 from discsim.numerics.threads import parallel_for
 from discsim.parts import Lazy
-from discsim.physics.orbits import IN_KICKS, in_drift
-from discsim.physics.radiation import pull_share
+from discsim.physics.orbits import IN_KICKS, star_acts_in_drift
+from discsim.physics.radiation import gravity_factor
 from discsim.scene.keys.radiation_pressure import Keys
 from discsim.scene.rules import Draft, Problem, missing_tables
 
@@ -60,8 +60,8 @@ class Effect(base.Effect):
 
     def __init__(self, scene: Scene, state: State) -> None:
         self.softening = scene.star.softening
-        self.beta = 1.0 - pull_share(scene)  # of each population
-        self.in_drift, self.step = in_drift(scene), _relative_step(scene)
+        self.beta = 1.0 - gravity_factor(scene)  # of each population
+        self.in_drift, self.step = star_acts_in_drift(scene), _relative_step(scene)
 
     @classmethod
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
@@ -69,12 +69,12 @@ class Effect(base.Effect):
 
     @classmethod
     def expected_limit(cls, scene: Scene, outlook: base.ForecastState) -> base.Expected:
-        strongest = float((1.0 - pull_share(scene)).max()) * scene.star.mass
+        strongest = float((1.0 - gravity_factor(scene)).max()) * scene.star.mass
         return expected_orbit_limit(scene, outlook, strongest, _relative_step(scene))
 
     @classmethod
     def report(cls, scene: Scene, at: base.GasSamples) -> base.Report:
-        beta = 1.0 - float(pull_share(scene).min())
+        beta = 1.0 - float(gravity_factor(scene).min())
         text = (
             f"radiation_pressure.beta = {beta:g}: grains with beta >= 1 are unbound, and only gas drag holds "
             "them back; expected less than 1 for bound grains"
@@ -110,6 +110,6 @@ class Effect(base.Effect):
 
 def _relative_step(scene: Scene) -> float:
     """Return the step limit divided by sqrt((r^2 + s^2)^(3/2) / (beta G M)); inf if the force acts in the drift."""
-    if in_drift(scene):
+    if star_acts_in_drift(scene):
         return float("inf")
     return IN_KICKS if scene.model.given is None else 1.0

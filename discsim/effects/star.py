@@ -31,7 +31,7 @@ from discsim.numerics.state import Particles, State
 from discsim.numerics.threads import parallel_for, parallel_for_ranges
 from discsim.numerics.totals import rounded, totals
 from discsim.parts import Lazy
-from discsim.physics.orbits import Orbits, in_drift, pulling, step_of_circle
+from discsim.physics.orbits import Orbits, circular_step_limit, pulling_species, star_acts_in_drift
 from discsim.scene.keys.star import Keys
 from discsim.scene.rules import Draft, Problem
 
@@ -113,11 +113,11 @@ class Effect(base.Effect):
     def __init__(self, scene: Scene, state: State) -> None:
         self.star = scene.star
         self.orbits = Orbits(scene)
-        self.counted = [name for name in pulling(scene) if name in self.orbits.felt_by_star]
+        self.counted = [name for name in pulling_species(scene) if name in self.orbits.felt_by_star]
         # Drag by a given disc needs the whole acceleration in the kick. Otherwise a drift of all particles cancels the
         # drift of the star.
         self.all_in_kick = scene.model.given is not None
-        self.in_drift, self.step = in_drift(scene), step_of_circle(scene)
+        self.in_drift, self.step = star_acts_in_drift(scene), circular_step_limit(scene)
         # Displacement and velocity change of gas and dust in the last drift, caused by the motion of the frame.
         self._frame_motion = np.zeros(2), np.zeros(2)
 
@@ -128,7 +128,7 @@ class Effect(base.Effect):
 
     @classmethod
     def expected_limit(cls, scene: Scene, outlook: base.ForecastState) -> base.Expected:
-        return expected_orbit_limit(scene, outlook, scene.star.mass, step_of_circle(scene))
+        return expected_orbit_limit(scene, outlook, scene.star.mass, circular_step_limit(scene))
 
     def operators(self, state: State) -> list[base.Operator]:
         reads, slots = base.arrays(state.species, "pos mass") | {"bodies"}, base.Slot
@@ -198,7 +198,7 @@ class Effect(base.Effect):
         """
         nearest: dict[str, float] = {}
         if state.bodies is not None:
-            self.orbits.place(state.bodies, state.time)
+            self.orbits.set_bodies(state.bodies, state.time)
         if self.star.accretion_radius > 0.0:
             region = self.star.accretion_radius**2, *state.star_place
             ranges = [(p.count, p.pos, *region) for p in state.species.values()]
@@ -209,7 +209,7 @@ class Effect(base.Effect):
             if state.bodies is not None and self.star.grows:
                 if self.orbits.inertial:
                     nearest = {}  # the star may have moved
-                self.orbits.place(state.bodies, state.time)
+                self.orbits.set_bodies(state.bodies, state.time)
         return nearest
 
     def _accrete(self, state: State, name: str, particles: Particles, gone: np.ndarray) -> None:

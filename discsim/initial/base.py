@@ -15,7 +15,7 @@ from discsim.scene.fields import Table
 from discsim.scene.rules import Problem, Rule
 
 if TYPE_CHECKING:
-    from discsim.physics.orbits import UnderWay
+    from discsim.physics.orbits import ContinuedBody
 
 Array = np.ndarray
 Arrays = dict[str, Array]  # arrays of one species: pos (n, d), vel (n, d), mass (n,), ...
@@ -76,7 +76,7 @@ class Start:
         Return the time at which a run begins. None: 0.
     under_way : callable (scene), optional
         Return those of the star (number 0) and the companions (from 1) that already move when the run begins, as
-        {number: UnderWay}. None: none of them.
+        {number: ContinuedBody}. None: none of them.
     thermal_speed : callable (scene, r), optional
         Return sqrt(P / Sigma) (n,) of the start's own temperature, or None if `gas.eos` sets it.
     cells : callable (scene, x, dx), optional
@@ -139,7 +139,7 @@ class Start:
     settle: Callable[[Any, dict[str, Any]], None] | None = None
     take_up: Callable[[Any], None] | None = None
     begins: Callable[[Any], float] | None = None
-    under_way: Callable[[Any], dict[int, UnderWay]] | None = None
+    under_way: Callable[[Any], dict[int, ContinuedBody]] | None = None
     thermal_speed: Callable[[Any, Array], Array | None] | None = None
     cells: Callable[[Any, Array, float], tuple[Array, Arrays, Array | None]] | None = None
     dimensions: tuple[int, ...] = (1, 2)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from discsim.initial import start_of
-from discsim.physics.orbits import Orbits, at_rest
+from discsim.physics.orbits import Orbits, is_star_at_rest
 
 if TYPE_CHECKING:
     from discsim.numerics.bodies import Bodies
@@ -24,10 +24,10 @@ def make_bodies(scene: Scene, with_start: bool) -> Bodies | None:
     Return None if there is no star, or if the star has a constant mass and stays at the origin.
     with_start: whether the run begins with the scene's start, in which star and companions may already move.
     """
-    if at_rest(scene):
+    if is_star_at_rest(scene):
         return None
     under_way = start_of(scene).under_way if with_start else None
-    return Orbits(scene).at_start(under_way(scene) if under_way else None)
+    return Orbits(scene).initial_bodies(under_way(scene) if under_way else None)
 
 
 def enter_frame(state: State, with_particles: bool) -> None:
@@ -38,7 +38,7 @@ def enter_frame(state: State, with_particles: bool) -> None:
     bodies = state.bodies
     if bodies is None:
         return
-    pos, vel = Orbits(state.scene).offset(bodies)
+    pos, vel = Orbits(state.scene).centre_of_disc(bodies)
     if not np.any([pos, vel]):
         return
     for moved in (bodies, *(state.species.values() if with_particles else ())):

@@ -26,7 +26,7 @@ from discsim.parts import Lazy
 from discsim.physics import profile
 from discsim.physics.eos import eos_of
 from discsim.physics.grains import has_individual_sizes
-from discsim.physics.orbits import Orbits, UnderWay
+from discsim.physics.orbits import ContinuedBody, Orbits
 from discsim.scene import SceneError, load_scene
 from discsim.scene.differences import FREE_TO_CHANGE, differences
 from discsim.scene.fields import AllowedValues, Count, InputFile, Length, Table, fault
@@ -242,10 +242,10 @@ def _restore_arrays(state: State) -> None:
         state.gas.h[:] = state.gas.h_before
     if state.bodies is not None:
         state.bodies.begun -= snap.time
-        Orbits(scene).place(state.bodies, 0.0)
+        Orbits(scene).set_bodies(state.bodies, 0.0)
 
 
-def under_way(scene: Scene) -> dict[int, UnderWay]:
+def under_way(scene: Scene) -> dict[int, ContinuedBody]:
     """Return position, velocity and history of star (0) and companions whose keys are unchanged, by number."""
     snap, before = _snapshot(scene.initial.file), _stored_scene(scene)
     if snap.bodies is None or snap.open_step is None or before is None or snap.units != scene.units:
@@ -256,7 +256,7 @@ def under_way(scene: Scene) -> dict[int, UnderWay]:
     for old, new in zip(before.companion or (), scene.companion or (), strict=False):
         same.append(all(getattr(old, key) == getattr(new, key) for key in ORBIT_KEYS))
     return {
-        k: UnderWay(pos[k] - pos[0], vel[k] - vel[0], past["gained"][k], past["begun"][k] - snap.time)
+        k: ContinuedBody(pos[k] - pos[0], vel[k] - vel[0], past["gained"][k], past["begun"][k] - snap.time)
         for k in np.flatnonzero(same).tolist()
     }
 

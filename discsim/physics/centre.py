@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 
-def central(scene: Scene) -> Array:
+def central_mask(scene: Scene) -> Array:
     """Return a mask (n,) of the bodies in the central mass of the disc; entry 0 is the star, then come companions."""
     return centre.central(scene.star.centre, [c.eccentricity for c in scene.table("companion") or ()])
 
@@ -22,7 +22,7 @@ def central(scene: Scene) -> Array:
 def central_mass(scene: Scene) -> float:
     """Return the central mass of the disc at the start."""
     masses = np.array([scene.star.mass, *(c.mass for c in scene.table("companion") or ())])
-    return float(masses[central(scene)].sum())
+    return float(masses[central_mask(scene)].sum())
 
 
 def kepler_omega(scene: Scene, r: Array | float, mass: float | None = None) -> Array:

@@ -50,7 +50,7 @@ def ramped(companion: Any, time: float) -> float:
 
 
 def scale_height(scene: Scene, r: Array | float, mass: float | None = None) -> Array:
-    """Return the initial H = c_T / Omega (n,) at radius `r` (n,). Raises an error for polytropic SPH gas.
+    """Return the initial H = c_T / Omega (n,) at radius `r` (n,); not for polytropic SPH gas, as H depends on density.
 
     mass: central mass, by default the initial one.
     """
@@ -204,7 +204,7 @@ def _mean_rings(scene: Scene) -> Any:
 
     For a star that moves on a circle, a ring for the star and a negative mass at the centre are yielded too.
     """
-    for companion, central in zip(scene.table("companion") or (), centre.central(scene)[1:].tolist(), strict=True):
+    for companion, central in zip(scene.table("companion") or (), centre.central_mask(scene)[1:].tolist(), strict=True):
         mass, distance = companion.mass, companion.semi_major_axis
         if companion.eccentricity >= 1.0:
             continue

@@ -64,7 +64,7 @@ def frequency(scene: Scene) -> float:
     return scene.external.vertical_frequency if scene.star is None and scene.external is not None else 0.0
 
 
-def at_places(scene: Scene, at: GasSamples) -> list[tuple[Array, Array]]:
+def diffusivities(scene: Scene, at: GasSamples) -> list[tuple[Array, Array]]:
     """Return (D, St), arrays (n,) at the points of `at`, for each population; an empty list if they are undefined."""
     omega = np.full_like(at.density, frequency(scene)) if at.omega is None else at.omega
     given = constant(scene)

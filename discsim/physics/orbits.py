@@ -42,9 +42,9 @@ import numpy as np
 
 from discsim.exact import kepler
 from discsim.numerics.bodies import Bodies
-from discsim.physics.centre import central
+from discsim.physics.centre import central_mask
 from discsim.physics.companions import ramped
-from discsim.physics.radiation import pull_share
+from discsim.physics.radiation import gravity_factor
 
 if TYPE_CHECKING:
     from discsim.scene import Scene
@@ -63,10 +63,10 @@ def feels(scene: Scene, companion: Any) -> frozenset[str]:
         return frozenset()
     if companion.feels is not None:
         return frozenset(companion.feels)
-    return frozenset({"star", "companions", *pulling(scene)})
+    return frozenset({"star", "companions", *pulling_species(scene)})
 
 
-def pulling(scene: Scene) -> list[str]:
+def pulling_species(scene: Scene) -> list[str]:
     """Return the names of the species that may accelerate the star and the companions.
 
     With one-way drag by [gas], dust is excluded, as the accelerated bodies would change the motion of the gas.
@@ -81,7 +81,7 @@ def felt_by_star(scene: Scene) -> frozenset[str]:
         return frozenset(scene.star.indirect)
     found = {"companions"} if scene.table("companion") else set()
     if scene.self_gravity is not None:
-        found |= {name for name in pulling(scene) if name in scene.self_gravity.sources}
+        found |= {name for name in pulling_species(scene) if name in scene.self_gravity.sources}
     return frozenset(found)
 
 
@@ -90,7 +90,7 @@ def orbital_mass(scene: Scene, star: float, companion: float) -> float:
     return star + companion if "companions" in felt_by_star(scene) else star
 
 
-def at_rest(scene: Scene) -> bool:
+def is_star_at_rest(scene: Scene) -> bool:
     """Return whether the star has a constant mass and stays at the origin. The state then has no `bodies`."""
     star = scene.star
     if star is None:
@@ -98,7 +98,7 @@ def at_rest(scene: Scene) -> bool:
     return scene.table("companion") is None and star.frame == "star" and not star.grows and not felt_by_star(scene)
 
 
-def in_drift(scene: Scene) -> bool:
+def star_acts_in_drift(scene: Scene) -> bool:
     """Return whether gas and dust drift on Kepler orbits about the star; kicks then exclude the star's pull.
 
     The star has to be a point at rest, as the momentum that particles exchange with a moving star is conserved only in
@@ -106,16 +106,16 @@ def in_drift(scene: Scene) -> bool:
     the stellar pull that nearly cancels this force has to be in the kick too.
     """
     star = scene.star
-    pointlike = star is not None and star.softening == 0.0 and at_rest(scene)
+    pointlike = star is not None and star.softening == 0.0 and is_star_at_rest(scene)
     pushed = scene.radiation_pressure is not None and scene.drag is not None
     return pointlike and not pushed and scene.model.given is None and scene.run.integrator == "kdk"
 
 
-def masses_in_drift(scene: Scene, species: str) -> Array | None:
+def drift_masses(scene: Scene, species: str) -> Array | None:
     """Return the central masses (populations,) of the Kepler drifts of a species; None for drifts on straight lines."""
-    if not in_drift(scene):
+    if not star_acts_in_drift(scene):
         return None
-    return scene.star.mass * (pull_share(scene) if species == "dust" else np.ones(1))
+    return scene.star.mass * (gravity_factor(scene) if species == "dust" else np.ones(1))
 
 
 def drift_rotates_velocities(scene: Scene) -> bool:
@@ -123,16 +123,16 @@ def drift_rotates_velocities(scene: Scene) -> bool:
 
     Otherwise the angle of the velocity is half a step ahead of the angle of the position, or behind it.
     """
-    return scene.model.given is not None or in_drift(scene)
+    return scene.model.given is not None or star_acts_in_drift(scene)
 
 
-def step_of_circle(scene: Scene) -> float:
+def circular_step_limit(scene: Scene) -> float:
     """Return the step limit of circular orbits about the star, in units of 1/Omega."""
     return 1.0 if drift_rotates_velocities(scene) else IN_KICKS
 
 
-class UnderWay(NamedTuple):
-    """Star or companion that a run continues from a snapshot.
+class ContinuedBody(NamedTuple):
+    """Star or companion of a snapshot from which a new run continues.
 
     pos, vel (2,): position and velocity relative to the star. gained: accreted mass. begun: time of the new run at
     which the body was added; below 0 if this was before its start.
@@ -161,12 +161,12 @@ class Orbits:
         self.felt_by_star = felt_by_star(scene)
         self.recoil = float("companions" in self.felt_by_star)
         self.inertial = star.frame == "inertial"
-        self.central = central(scene)[1:]
+        self.central = central_mask(scene)[1:]
         self.star = star
         self.orbits = [(c.semi_major_axis, c.eccentricity, math.radians(c.phase)) for c in self.companions]
         self.fixed_mu = [orbital_mass(scene, star.mass, c.mass) for c in self.companions]
 
-    def at_start(self, under_way: Mapping[int, UnderWay] | None = None) -> Bodies:
+    def initial_bodies(self, under_way: Mapping[int, ContinuedBody] | None = None) -> Bodies:
         """Return the bodies at t = 0, with the centre of the disc at rest at the origin.
 
         under_way: bodies that a run continues from a snapshot, by number; the star is 0.
@@ -190,13 +190,13 @@ class Orbits:
             away = _sum(weight, bodies.pos[1:]), _sum(weight, bodies.vel[1:])
             bodies.pos -= away[0]
             bodies.vel -= away[1]
-        self.place(bodies, 0.0)
+        self.set_bodies(bodies, 0.0)
         return bodies
 
-    def offset(self, bodies: Bodies) -> tuple[Array, Array]:
+    def centre_of_disc(self, bodies: Bodies) -> tuple[Array, Array]:
         """Return the initial position (2,) and velocity (2,) of the disc's centre in the frame of the run.
 
-        bodies: result of `at_start`.
+        bodies: result of `initial_bodies`.
         """
         if not self.inertial or self.star.centre == "barycentre":
             return np.zeros(2), np.zeros(2)
@@ -225,7 +225,7 @@ class Orbits:
         factors = -weight * self._frame_factors(self._ramps(bodies, time + 0.5 * dt))
         return _sum(factors, shift), _sum(factors, change)
 
-    def place(self, bodies: Bodies, time: float) -> None:
+    def set_bodies(self, bodies: Bodies, time: float) -> None:
         """Set `bodies` at `time`: masses, companions on fixed orbits, and the gravity on gas and dust, eqs. (3), (4).
 
         In `bodies.felt` and `bodies.shift` are the masses and positions that act on gas and dust.

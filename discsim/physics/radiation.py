@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from discsim.scene import Scene
 
 
-def pull_share(scene: Scene) -> np.ndarray:
-    """Return the factor 1 - beta (populations,) of the star's pull on each dust population."""
+def gravity_factor(scene: Scene) -> np.ndarray:
+    """Return 1 - beta (populations,), the factor by which radiation reduces the gravity on each dust population."""
     count = len(scene.dust or ())
     if scene.radiation_pressure is None:
         return np.ones(count)
@@ -31,7 +31,7 @@ def radiation_velocities(scene: Scene, r: np.ndarray, keplerian: np.ndarray) -> 
     """
     if scene.radiation_pressure is None:
         return None
-    return (1.0 - pull_share(scene))[:, None] * r * star_pull(scene, r) / keplerian
+    return (1.0 - gravity_factor(scene))[:, None] * r * star_pull(scene, r) / keplerian
 
 
 def circular_minus_keplerian(scene: Scene, species: np.ndarray, r: np.ndarray, keplerian: np.ndarray) -> np.ndarray:

@@ -118,7 +118,7 @@ def longest_step(scene: Scene, nu: Array, h: Array) -> Array:
         return h * h / (STEP_CONSTANT * central * nu)
 
 
-def at_places(scene: Scene, radius: Array | None, thermal_speed: Array | None, like: Array) -> Array | None:
+def diffusivity_at(scene: Scene, radius: Array | None, thermal_speed: Array | None, like: Array) -> Array | None:
     """Return nu (n,) at points with `radius` (n,) and `thermal_speed` (n,).
 
     like (n,): any array with a value for each point, for the length of the result. Returns None if the scene has no
@@ -130,7 +130,7 @@ def at_places(scene: Scene, radius: Array | None, thermal_speed: Array | None, l
     return diffusivity(scene, np.ones_like(like) if radius is None else radius, thermal_speed)
 
 
-def artificial(scene: Scene, at: GasSamples) -> Array:
+def artificial_nu(scene: Scene, at: GasSamples) -> Array:
     """Return nu (n,) of the artificial viscosity at the points of `at`, eq. (5).
 
     Gas without orbital frequencies has only the first term.
@@ -144,7 +144,7 @@ def artificial(scene: Scene, at: GasSamples) -> Array:
     return BALSARA_FACTOR * found if keys.switch == "balsara" else found
 
 
-def noise(scene: Scene, at: GasSamples) -> Array:
+def noise_nu(scene: Scene, at: GasSamples) -> Array:
     """Estimate nu (n,) of particle noise in a disc at the points of `at`."""
     if at.resolution is None or at.thermal_speed is None:
         return np.zeros_like(at.density)

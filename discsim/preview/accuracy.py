@@ -64,7 +64,8 @@ def _disc_rows(scene: Scene, at: GasSamples) -> Iterator[tuple[str, str]]:
     ratio = float(np.interp(0.5, below, by_mass))
     yield "median h/H of the gas", f"{ratio:.2g}"
     yield "error of the pressure force, about", f"{0.02 * (ratio / 0.32) ** 2:.1%}"
-    relative_nu = (viscosity.artificial(scene, at) + viscosity.noise(scene, at)) / (at.resolution * at.thermal_speed)
+    numerical_nu = viscosity.artificial_nu(scene, at) + viscosity.noise_nu(scene, at)
+    relative_nu = numerical_nu / (at.resolution * at.thermal_speed)
     alpha = ratio * float(np.median(relative_nu))
     yield "numerical alpha (viscosity, noise)", f"{float(f'{alpha:.1g}'):g}"
     if scene.run.timestep is None:

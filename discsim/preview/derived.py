@@ -56,7 +56,7 @@ def local_at(scene: Scene, places: Places) -> GasSamples:
     h = _smoothing_lengths(scene, places)
     fine = None if h is None else resolution(scene, h)
     step = None if h is None or sound is None else longest_step(scene, h, sound)
-    nu = None if h is None else viscosity.at_places(scene, radius, thermal, h)
+    nu = None if h is None else viscosity.diffusivity_at(scene, radius, thermal, h)
     if nu is not None and step is not None:
         step = np.minimum(step, viscosity.longest_step(scene, nu, h))
     particle_mass = gas_mass(scene) / particle_count(scene, scene.gas) if scene.gas else None

@@ -16,7 +16,7 @@ from discsim.numerics.entries import EntryError, check_arrays, check_like, check
 from discsim.numerics.state import State
 from discsim.numerics.threads import parallel_for_ranges
 from discsim.parts import Lazy
-from discsim.physics.orbits import in_drift
+from discsim.physics.orbits import star_acts_in_drift
 from discsim.run.forces import Effects, Limits, PhysicsError, acceleration_of, limit_of_dust
 
 finite = Lazy("discsim.kernels.common.finite")
@@ -97,7 +97,7 @@ def _sample(state: State) -> Sample:
     rows = np.flatnonzero((gas.ids & (every - 1)) == 0)
     rows = rows[np.argsort(gas.ids[rows])]
     acc, (mass, softening) = gas.acc[rows], state.central
-    if mass > 0.0 and not in_drift(state.scene):
+    if mass > 0.0 and not star_acts_in_drift(state.scene):
         away = state.from_centre(gas.pos[rows])
         acc += mass * away / np.maximum((away**2).sum(axis=1)[:, None] + softening**2, 1e-200) ** 1.5
     return Sample(state.time, gas.ids[rows], gas.sound_speed[rows], acc)

@@ -64,7 +64,7 @@ def test_a_star_that_grows_speeds_up_orbits_and_heats_nothing():
     sim = Simulation(begun)
     start = BOTH, BOTH + 0.4
     sim.bodies.gained[0] = 0.4
-    sim.effects["star"].orbits.place(sim.bodies, 0.0)
+    sim.effects["star"].orbits.set_bodies(sim.bodies, 0.0)
     state, gas = sim.state, sim.gas
     assert state.central_mass == state.star_pull == pytest.approx(start[1], rel=1e-15)
     sim.operators.forces()

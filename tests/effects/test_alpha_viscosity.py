@@ -121,7 +121,7 @@ def test_check_foretells_the_artificial_viscosity_of_a_shear(pairs, braked, swit
     at = local(scene)
     wide = at.h / (0.1 * at.radius)  # h/H
     wanted = 3 / 16 * 0.7 * 5 / 7 * wide * braked * 1.4**0.5 + 3.0 * 31 / 49 * wide**2 / (4 * np.pi)
-    found = viscosity.artificial(scene, at) * np.sqrt(1.7 / at.radius**3) / (0.01 * 1.7 / at.radius)
+    found = viscosity.artificial_nu(scene, at) * np.sqrt(1.7 / at.radius**3) / (0.01 * 1.7 / at.radius)
     np.testing.assert_allclose(found, left * wanted, rtol=1e-12)
     rows = dict(line.strip().split("  ", 1) for line in report(scene).splitlines() if "alpha of artificial" in line)
     (text,) = rows.values()
@@ -132,7 +132,7 @@ def test_check_foretells_no_artificial_viscosity_on_reconstructed_velocities():
     tables = disc(alpha=1e-3)
     tables["gas"] = tables["gas"] | {"viscosity": {"alpha": 0.7, "beta": 3.0, "pairs": "reconstructed"}}
     scene = load_scene(tables)
-    assert np.all(viscosity.artificial(scene, local(scene)) == 0.0)
+    assert np.all(viscosity.artificial_nu(scene, local(scene)) == 0.0)
 
 
 def test_a_reconstructed_viscosity_leaves_a_shear_wave_alone():
@@ -376,7 +376,7 @@ def test_noise_falls_with_the_neighbours():
         given["gas"] = given["gas"] | {"kernel": kernel, "eta": eta}
         scene = load_scene(given)
         at = local(scene)
-        of_h = viscosity.noise(scene, at) / (at.thermal_speed * at.resolution)
+        of_h = viscosity.noise_nu(scene, at) / (at.thermal_speed * at.resolution)
         neighbours = np.pi * (support * eta) ** 2
         own = {"quintic": 0.034, "wendland-c4": 0.021}[kernel]
         np.testing.assert_allclose(of_h, own * (36.0 / neighbours) ** 1.1, rtol=1e-12)  # the formula
@@ -393,7 +393,7 @@ def test_quiet_gas_has_what_its_share_and_time_leave_of_the_noise():
     for quiet in scenes:
         given["gas"] = given["gas"] | {"quiet": quiet if quiet is not None else False}
         scene = load_scene(given)
-        found.append(viscosity.noise(scene, local(scene)))
+        found.append(viscosity.noise_nu(scene, local(scene)))
     np.testing.assert_allclose(found[0], 0.115 * found[2], rtol=1e-12)  # the formula
     np.testing.assert_allclose(found[1], found[2], rtol=1e-12)
 

@@ -7,7 +7,7 @@ import pytest
 
 from discsim import Simulation, load_scene
 from discsim.exact import kepler
-from discsim.physics.orbits import drift_rotates_velocities, in_drift, step_of_circle
+from discsim.physics.orbits import circular_step_limit, drift_rotates_velocities, star_acts_in_drift
 
 STAR = 1.7
 
@@ -161,8 +161,8 @@ MOVES = {
 def test_orbits_are_in_the_drift_where_no_momentum_is_exchanged(name):
     tables, drifts = MOVES[name]
     found = load_scene(gas_disc() | tables)
-    assert in_drift(found) == drift_rotates_velocities(found) == drifts
-    assert step_of_circle(found) == (1.0 if drifts else 0.5)
+    assert star_acts_in_drift(found) == drift_rotates_velocities(found) == drifts
+    assert circular_step_limit(found) == (1.0 if drifts else 0.5)
 
 
 def test_grains_in_a_given_disc_drift_by_themselves():
@@ -174,7 +174,7 @@ def test_grains_in_a_given_disc_drift_by_themselves():
         "drag": {"law": "epstein", "direction": "one-way"},
     }
     found = load_scene(held)
-    assert not in_drift(found) and drift_rotates_velocities(found) and step_of_circle(found) == 1.0
+    assert not star_acts_in_drift(found) and drift_rotates_velocities(found) and circular_step_limit(found) == 1.0
 
 
 def test_particles_that_are_held_stay_where_they_are():
@@ -196,7 +196,7 @@ def test_loosely_coupled_grains_that_light_pushes_keep_their_circles(beta):
         "drag": {"law": "stopping-time", "t_stop": 1e6, "direction": "one-way"},
         "radiation_pressure": {"beta": beta},
     }
-    assert not in_drift(load_scene(held))
+    assert not star_acts_in_drift(load_scene(held))
     angle, r = np.linspace(0.0, 6.0, 40), np.linspace(1.4, 2.6, 40)
     out = np.column_stack([np.cos(angle), np.sin(angle)])
     sim = Simulation(held)
