@@ -7,7 +7,7 @@ zone. The Stokes number St of each grain is that of the last kick (Youdin & Lith
 diffusivity of the grains at any St. In one dimension Sigma is the density, and Omega is `external.vertical_frequency`.
 
 Each grain walks once a step, after its drift. xi depends on the seed, the id of the grain and the step number
-(`kernels/common/philox.py`). The walk is split into substeps if sqrt(2 D dt) exceeds h/2 (H/6 in a given disc). It
+(`kernels/common/philox.py`). The walk is split into substeps if sqrt(2 D dt) exceeds h/2 (H/6 in a prescribed disc). It
 sets no time-step limit.
 
 The walk conserves velocities, and so momentum. About a star it conserves velocities relative to the circular orbit at
@@ -204,7 +204,7 @@ class Effect(base.Effect):
 
 
 class _GasSampler:
-    """Sampler of the gas at the positions of dust particles, from gas particles, a given disc, or uniform gas."""
+    """Sampler of the gas at the positions of dust particles, from gas particles, a prescribed disc, or uniform gas."""
 
     def __init__(self, effect: Effect, state: State) -> None:
         self.effect, self.state = effect, state

@@ -3,7 +3,7 @@
 M and s are mass and softening of the star, the only source of radiation. Gas does not feel this force, so the drag
 solution includes it as an acceleration of dust alone. If dust drifts on Kepler orbits, which needs a scene without
 drag, the central mass of these orbits is (1 - beta) M, and there is no step limit. Otherwise the step limit is half of
-sqrt((r^2 + s^2)^(3/2) / (beta G M)) of the innermost grain; in a given disc it is twice as long.
+sqrt((r^2 + s^2)^(3/2) / (beta G M)) of the innermost grain; in a prescribed disc it is twice as long.
 """
 
 from __future__ import annotations
