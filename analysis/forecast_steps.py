@@ -76,7 +76,7 @@ def table(paths: Sequence[Path], most: int | None = None, share: float = 1.0) ->
             yield f"| {path.stem} | | | | {fault} | |"
             continue
         ratios.append(found.ratio)
-        by = f"{found.expected.by} {found.expected.where}".rstrip()
+        by = f"{found.expected.limiter} {found.expected.where}".rstrip()
         yield f"| {path.stem} | {found.share:.1%} | {found.steps} | {found.ratio:.2f} | {found.by} | {by} |"
     within = sum(1.0 / WITHIN <= ratio <= WITHIN for ratio in ratios)
     yield f"\nwithin a factor {WITHIN}: {within} of {len(paths)}"

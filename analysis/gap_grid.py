@@ -79,7 +79,7 @@ class Grid:
         self.circle = np.sqrt(star.mass / self.r - pull * self.r)[:, None]
         # At the very edges of a table, where Sigma ends, the flow has no limit: that of the next side is taken.
         within = np.clip(self.side, self.side[1], self.side[-2])
-        self.inflow = balance.viscous_flow(scene, disc, within)[:, None]
+        self.inflow = balance.viscous_inflow(scene, disc, within)[:, None]
         left = self._gap(deep)
         slope = self.sound2 * np.gradient(np.log(left), np.log(self.r), axis=0)
         turning = np.sqrt(np.maximum(self.circle**2 + slope, 0.0))

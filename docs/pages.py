@@ -17,7 +17,7 @@ from sphinx.util import logging
 import discsim.exact
 from discsim.parts import EFFECTS, SCHEMES
 from discsim.preview import reference
-from discsim.preview.reference import parts, pieces
+from discsim.preview.reference import paragraphs, split_code
 
 GENERATED = Path(__file__).parent / "_generated"
 
@@ -30,14 +30,15 @@ class Docstring(Directive):
     def run(self) -> list[nodes.Node]:
         name = self.arguments[0]
         module = name if "." in name else (EFFECTS if name in EFFECTS else SCHEMES).module(name)
-        return [shown for part in parts(reference.docstring(module)) for shown in self._nodes(part)]
+        return [shown for part in paragraphs(reference.docstring(module)) for shown in self._nodes(part)]
 
     def _nodes(self, part: str) -> Iterator[nodes.Node]:
         if part.startswith(" "):
             yield nodes.literal_block(part, textwrap.dedent(part), language="text")
             return
         marked = (
-            nodes.literal(piece, piece.strip("`")) if piece[:1] == "`" else nodes.Text(piece) for piece in pieces(part)
+            nodes.literal(piece, piece.strip("`")) if piece[:1] == "`" else nodes.Text(piece)
+            for piece in split_code(part)
         )
         yield nodes.paragraph(part, "", *marked)
 
@@ -62,9 +63,9 @@ def exact_solutions() -> Iterator[str]:
 
 
 def as_rst(app: Sphinx, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
-    """Docstrings are plain text, with equations and code as in `parts` and `pieces`, and no other markup."""
+    """Docstrings are plain text, with equations and code as in `paragraphs` and `split_code`, and no other markup."""
     out: list[str] = []
-    for part in parts("\n".join(lines)):
+    for part in paragraphs("\n".join(lines)):
         if part.startswith(" "):
             out += ["::", "", *(f"    {line}" for line in part.split("\n")), ""]
         else:
@@ -75,7 +76,9 @@ def as_rst(app: Sphinx, what: str, name: str, thing: Any, options: Any, lines: l
 def plain(part: str) -> str:
     """A paragraph of plain text as reStructuredText."""
     # Backslash and space end a literal where a letter follows it, and are not seen.
-    marked = (rf"\ `{piece}`\ " if piece[:1] == "`" else re.sub(r"([*_|\\])", r"\\\1", piece) for piece in pieces(part))
+    marked = (
+        rf"\ `{piece}`\ " if piece[:1] == "`" else re.sub(r"([*_|\\])", r"\\\1", piece) for piece in split_code(part)
+    )
     return re.sub(r"^(?=\(?\w+[.)] )", r"\\", "".join(marked), flags=re.M)  # no numbered list
 
 

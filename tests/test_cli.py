@@ -69,7 +69,7 @@ BAD_SCENES = [
     ('"epstein"', '"epstein"\nscheme = "idic-lineal"', 33, 'did you mean "idic-linear"?'),
     ("particles = 100_000", 'particles = 1\nkernel = "wendland"', 17, 'did you mean "wendland-c4"?'),
     ('grain_size = "1 cm"\n', "", 22, 'drag.law "epstein" needs it'),
-    ('"260 au"', '"199 au"', 8, "the space is smaller than the disc"),
+    ('"260 au"', '"199 au"', 8, "space is smaller than the disc"),
 ]
 
 

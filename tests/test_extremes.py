@@ -9,8 +9,8 @@ from typer.testing import CliRunner
 from discsim import SceneError, Simulation, cli
 from discsim.formulas.smoothing import SMOOTHING
 from discsim.kernels.sph.smoothing import KERNELS, NORM, shape
-from discsim.preview import memory
 from discsim.preview.check import report
+from discsim.preview.forecast import memory_warnings
 from discsim.run.simulation import PhysicsError
 from discsim.scene import load_scene
 from discsim.study.errors import totals
@@ -60,10 +60,10 @@ REFUSED = {
     "snapshots": (wave(run={"snapshots": 1e9}), "run.snapshots: 1000000000.0 is out of range; expected at most 1e+06"),
     "every": (wave(run={"every": 1e-9}), "run.every: gives 1e+08 snapshots until run.until; expected at most 1e+06"),
     "deep": (wave(gas=nested(3000)), "gas.x.x.x.x.x.x.x.x: nested too deeply"),
-    "steep": (disc({"surface_density_index": 1e12}), "initial.surface_density_index: 1e+12 gives powers of the radius"),
+    "steep": (disc({"surface_density_index": 1e12}), "initial.surface_density_index: 1e+12 makes powers of the radius"),
     "steep and warm": (
         disc(gas={"eos": {"kind": "locally-isothermal", "aspect_ratio": 0.1, "temperature_index": -1e9}}),
-        "gas.eos.temperature_index: -1e+09 gives powers of the radius"),
+        "gas.eos.temperature_index: -1e+09 makes powers of the radius"),
     "huge": (disc({"mass": 1e99}), "initial.mass: 1e+99 is out of range; expected 0, or a size from 1e-60 to 1e+60 in"),
     "many digits": (wave(gas={"particles": 10**5000}), "gas.particles: inf is not a finite number"),
     "gamma of 1": (
@@ -72,8 +72,8 @@ REFUSED = {
     "gamma of 1e3": (disc(gas=polytrope(1e3)), "gas.eos.gamma: 1000.0 is out of range; expected at most 100"),
     "Q of gamma = 3": (
         disc({"toomre_q": 2.0, "mass": None}, polytrope(3)), "initial.toomre_q: Toomre Q of a polytropic disc"),
-    "dust beyond": (disc(dust=DUST | {"inner": 2.0}), "dust.inner: there is no gas outside the disc"),
-    "dust in the hole": (disc(dust=DUST | {"outer": 0.9}), "dust.outer: there is no gas inside the inner edge"),
+    "dust beyond": (disc(dust=DUST | {"inner": 2.0}), "dust.inner: there is no gas beyond initial.outer"),
+    "dust in the hole": (disc(dust=DUST | {"outer": 0.9}), "dust.outer: there is no gas inside initial.inner"),
     "tapers": (
         disc({"inner_taper": 0.3, "outer_taper": 0.8}),
         "initial.outer_taper: the tapers are 1.1 times as wide as the disc; expected at most 1"),
@@ -85,7 +85,7 @@ REFUSED = {
         wave({"smoothing_length": 7.0}), "gas.smoothing_length: 7 times space.size; expected at most 2 times"),
     "lone particles": (
         wave({"kernel": "quintic-h", "eta": 1.4}), 'gas.eta: 1.4 leaves a particle of kernel "quintic-h" without'),
-    "layer": (layer(150, 4.0), "gas.particles: too few particles for a layer that reaches to 4 scale "
+    "layer": (layer(150, 4.0), "gas.particles: 150 are too few for a layer that reaches to 4 scale "
                                "heights*expected at least 2989"),
     "thick layer": (layer(150, 40.0), "initial.vertical_extent: a layer 80 scale heights thick has practically "
                                       "no gas at its ends"),
@@ -168,14 +168,14 @@ def test_more_memory_than_there_is(tmp_path):
 
 
 def test_memory_of_a_line_and_of_a_grid(monkeypatch):
-    assert list(memory.memory_warnings(load_scene(wave()))) == []
-    (line,) = memory.memory_warnings(load_scene(wave({"particles": 10**10})))
+    assert list(memory_warnings(load_scene(wave()))) == []
+    (line,) = memory_warnings(load_scene(wave({"particles": 10**10})))
     assert "5.59e+03 GiB" in line
     # 65536^2 cells of gravity, with their transforms.
-    (line,) = memory.memory_warnings(load_scene(disc(self_gravity={"softening": 0.1}), ["space.cells=65536"]))
+    (line,) = memory_warnings(load_scene(disc(self_gravity={"softening": 0.1}), ["space.cells=65536"]))
     assert float(line.split("about ")[1].split()[0]) > 200
     monkeypatch.setattr(os, "sysconf", lambda name: 2**20)
-    assert list(memory.memory_warnings(load_scene(wave({"particles": 10**9}))))[0:] == []
+    assert list(memory_warnings(load_scene(wave({"particles": 10**9}))))[0:] == []
 
 
 @pytest.mark.parametrize("amplitude", [0.9, 0.999, -0.99, -0.999999])

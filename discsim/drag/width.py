@@ -74,7 +74,7 @@ class Width:
         """True if the scene defines a scale height about a star; a polytrope does not."""
         scene = self.scene
         given = (getattr(scene.gas.eos, key, None) for key in ("aspect_ratio", "sound_speed"))
-        brings = getattr(scene.initial, "brings_temperature", False)
+        brings = getattr(scene.initial, "sets_temperature", False)
         return bool(scene.star) and (brings or any(value is not None for value in given))
 
     @cached_property

@@ -142,7 +142,7 @@ def _initial_gas(scene: Scene, r: float, name: str) -> float:
 
     name: "density" for the surface density, or "relative_mass" for the mass of gas particles over their mean mass.
     """
-    places = start_of(scene).all_over(scene)[0]
+    places = start_of(scene).sample_all_gas(scene)[0]
     values = getattr(places, name)
     if values is None:  # all particles have the same mass
         return 1.0

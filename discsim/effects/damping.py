@@ -90,7 +90,7 @@ class Effect(base.Effect):
             np.array([[*zone, rate] for zone, rate in zip(ends, rates, strict=True)]),
             first,
             (NODES - 1) / (last - first),
-            balance.tabulated(state, dict(effects), radius) / circular[:, None],
+            balance.velocity_profiles(state, dict(effects), radius) / circular[:, None],
             *state.central,
             self._pull_in_drift(state),
         )

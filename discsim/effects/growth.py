@@ -100,7 +100,7 @@ def _scene_problems(draft: Draft) -> Iterator[Problem]:
     yield from missing_tables(draft, where, needs)
     if draft.growth.alpha is None and not draft.has("alpha_viscosity"):
         yield where, "no strength of the turbulence is given; expected growth.alpha, or a table [alpha_viscosity]"
-    if draft.growth.small_ratio is not None and (draft.start is None or draft.start.take_up):
+    if draft.growth.small_ratio is not None and (draft.start is None or draft.start.restore):
         wrong = "not used with particles from a snapshot or from the caller, which include their small dust"
         yield (*where, "small_ratio"), f"{wrong}; remove this key"
 

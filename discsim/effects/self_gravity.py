@@ -64,11 +64,11 @@ def _density_problems(draft: Draft) -> Iterator[Problem]:
     Scenes in code units and particles given by the caller may have either density, and yield no problem.
     """
     start = draft.start
-    if draft.dimensions != 1 or draft.in_code_units or not start or start.column:
+    if draft.dimensions != 1 or draft.in_code_units or not start or start.has_surface_density:
         return
     if 1 in start.dimensions and start.boundary == "periodic":  # other rules report the remaining starts
         wrong = f'self-gravity in 1D is for surface densities, but initial.kind "{draft.kind}" has a volume density'
-        words = quoted(kinds(lambda start: start.column))
+        words = quoted(kinds(lambda start: start.has_surface_density))
         yield ("self_gravity",), f"{wrong}; expected initial.kind = {words}, or space.dimensions = 2"
 
 

@@ -1,8 +1,8 @@
 """Initial conditions ("starts"), one module each, and the conversion of their arrays into a `State`.
 
-Each start defines a function `particles(scene)`, and may define a function `settle` that sets velocities once forces
-are known. `particles` returns a dict of arrays for each species: pos, vel (n, dimensions), mass (n,) and, optionally,
-density (n,) (a first guess for h), u (n,), species (n,) (index of the dust population) and immobile (n,).
+A start makes its particles as {species: {name: array}}. The species are "gas" and "dust". The arrays of a species are
+pos, vel (n, dimensions), mass (n,) and, optionally, density (n,) (of gas, a first guess for h), u (n,), species (n,)
+(index of the dust population), size (n,), small (n,) and immobile (n,). `base.py` describes all that a start provides.
 """
 
 from __future__ import annotations
@@ -21,108 +21,159 @@ if TYPE_CHECKING:
     from discsim.scene import Scene
 
 growth = Lazy("discsim.physics.growth")
-Given = dict[str, dict[str, Any]]
+ParticleArrays = dict[str, dict[str, Any]]  # {species: {name: array}}
 SPECIES = ("gas", "dust")
 
 
 def random_stream(scene: Scene, species: str) -> np.random.Generator:
-    """Return the random generator of a species. Each species has its own, so that adding dust does not move the gas."""
+    """Return the random generator of a species. Each species has its own one, so that dust does not change the gas."""
     return np.random.default_rng([scene.run.seed, SPECIES.index(species)])
 
 
 def start_of(scene: Scene) -> Start:
-    """Return the scene's initial condition."""
+    """Return the `Start` that `initial.kind` of the scene names."""
     return STARTS[scene.initial.kind]
 
 
 def start_time(scene: Scene) -> float:
     """Return the time at which a run of the scene begins."""
-    begins = None if scene.initial is None else start_of(scene).begins
-    return 0.0 if begins is None else begins(scene)
+    of_start = None if scene.initial is None else start_of(scene).start_time
+    return 0.0 if of_start is None else of_start(scene)
 
 
-def make_particles(scene: Scene) -> Given:
-    """Return the particle arrays of the scene's initial condition, as {species: {name: array}}.
+def make_particles(scene: Scene) -> ParticleArrays:
+    """Return the particles of the scene's start, as {species: {name: array}}.
 
     Raises ValueError if no particles can be made from the numbers in the scene.
     """
     if scene.model.cells:
-        from discsim.initial import cells
-
-        return cells.particles(scene)
-    given = _with_grain_sizes(scene, start_of(scene).particles(scene))
-    if scene.table("growth") is None:
-        return given
-    from discsim.initial.small import move_small_dust
-
-    return move_small_dust(scene, given)
+        return _particles_in_cells(scene)
+    arrays = _with_grain_sizes(scene, start_of(scene).particles(scene))
+    return arrays if scene.table("growth") is None else _with_small_dust(scene, arrays)
 
 
-def _with_grain_sizes(scene: Scene, given: Given) -> Given:
-    """Return `given` with grain sizes and the matching masses of dust particles added.
+def _particles_in_cells(scene: Scene) -> ParticleArrays:
+    """Return one particle of gas and one of dust at the centre of each cell of a fixed 1D grid."""
+    count, length = scene.gas.particles, scene.space.size[0]
+    dx = length / count
+    x = (np.arange(count) + 0.5) * dx - (0.5 * length if scene.centred else 0.0)
+    cell_values = start_of(scene).cell_values
+    assert cell_values is not None
+    density, vel, u = cell_values(scene, x, dx)
+    out: ParticleArrays = {name: {"pos": x[:, None], "vel": vel[name][:, None]} for name in SPECIES}
+    out["gas"] |= {"mass": density * dx, "density": density} | ({} if u is None else {"u": u})
+    out["dust"] |= {"mass": scene.dust[0].ratio * density * dx}
+    return out
 
-    Return `given` unchanged if no population has a size distribution, or if the start sets sizes itself.
+
+def _with_grain_sizes(scene: Scene, arrays: ParticleArrays) -> ParticleArrays:
+    """Return the particle arrays with the grain size of each dust particle added, and its mass changed accordingly.
+
+    Return `arrays` unchanged if no population has a size distribution, or if the start sets sizes itself.
     """
-    dust = given.get("dust")
+    dust = arrays.get("dust")
     if dust is None or "size" in dust or not any(map(has_sizes, scene.dust or ())):
-        return given
+        return arrays
     size, factor = np.empty((2, len(dust["mass"])))
     species = dust.get("species", np.zeros(len(size), np.int64))
     for number, population in enumerate(scene.dust):
         members = np.flatnonzero(species == number)
         size[members], factor[members] = sampled_sizes(population, len(members))
-    return given | {"dust": dust | {"size": size, "mass": dust["mass"] * factor}}
+    return arrays | {"dust": dust | {"size": size, "mass": dust["mass"] * factor}}
 
 
-def joined(parts: Sequence[dict[str, Any]]) -> dict[str, np.ndarray]:
-    """Return the arrays of several groups of particles, concatenated by name."""
-    return {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
+def _with_small_dust(scene: Scene, arrays: ParticleArrays) -> ParticleArrays:
+    """Return the particle arrays with a part of the dust mass moved to gas particles, as their array `small` (n,).
 
-
-def populations(scene: Scene, make: Callable[[Any], dict[str, Any]]) -> dict[str, np.ndarray]:
-    """Return the arrays of all dust populations, concatenated, with the index of the population as `species` (n,).
-
-    make: function that returns the arrays of one population.
+    This part is small_ratio / dust.ratio. It goes to gas between the radii of the dust, in proportion to the
+    dust-to-gas ratio of the start at each radius. At least the fraction SEED of the dust mass stays, because dust
+    particles need a mass. The total mass of dust is conserved.
+    Arrays from a snapshot are returned unchanged: they already contain `small`.
     """
-    parts = [make(population) for population in scene.dust or ()]
-    return joined([part | {"species": np.full(len(part["mass"]), number)} for number, part in enumerate(parts)])
-
-
-def make_state(scene: Scene, given: Given) -> State:
-    """Return a State with copies of the particle arrays `given`, {species: {name: array}}.
-
-    Raises ValueError if a position, velocity or mass is not finite, or if a mass is not positive.
-    """
-    gas = _make_gas(scene, given["gas"]) if "gas" in given else None
-    dust = None
-    if "dust" in given:
-        arrays = given["dust"]
-        species = np.array(arrays.get("species", np.zeros(len(arrays["mass"]))), np.int64)
-        size = arrays.get("size")
-        if size is None and scene.table("growth") is not None:
-            size = np.full(len(species), scene.dust[0].grain_size)
-        dust = Dust(
-            **_common_arrays("dust", arrays, gas.count if gas is not None else 0),
-            species=species,
-            size=size,
-            immobile=arrays.get("immobile"),
-        )
-    return State(scene, gas, dust, None)
-
-
-def _common_arrays(name: str, given: dict[str, Any], first_id: int) -> dict[str, np.ndarray]:
-    arrays = {key: np.array(given[key], float, order="C") for key in ("pos", "vel", "mass")}  # kernels need C order
-    if not all(np.isfinite(array).all() for array in arrays.values()) or arrays["mass"].min() <= 0.0:
-        raise ValueError(
-            f"the start gives {name} with values that are not finite, or without mass; expected less extreme values"
-        )
+    gas, dust, start = arrays["gas"], arrays["dust"], start_of(scene)
+    if start.restore is not None:
+        return arrays
+    (population,) = scene.dust or ()
+    r = np.sqrt((gas["pos"] ** 2).sum(axis=1))
+    inside = (r >= (population.inner or 0.0)) & (r <= (population.outer or np.inf))
+    weight = np.where(inside, gas["mass"], 0.0)
+    if start.radial is not None and (share := start.radial(scene).dust_share) is not None:
+        weight *= share(r)
+    if not weight.sum() > 0.0:
+        return arrays
+    left = max(1.0 - growth.small_ratio(scene) / population.ratio, growth.SEED)
+    gas = gas | {"small": weight * ((1.0 - left) * dust["mass"].sum() / weight.sum())}
     return arrays | {
-        "acc": np.zeros_like(arrays["pos"]),
-        "ids": np.arange(first_id, first_id + len(arrays["mass"]), dtype=np.int64),
+        "gas": add_small_dust(gas) if growth.small_dust_in_mass(scene) else gas,
+        "dust": dust | {"mass": left * dust["mass"]},
     }
 
 
+def add_small_dust(gas: dict[str, Any], sign: float = 1.0) -> dict[str, Any]:
+    """Return the arrays of gas with the mass of small dust, its array `small`, added to its array `mass`.
+
+    sign: 1 to add, -1 to subtract. `density` and `u`, the energy per mass, change accordingly.
+    """
+    factor = 1.0 + sign * gas["small"] / gas["mass"]
+    per_mass = {"u": gas["u"] / factor} if gas.get("u") is not None else {}
+    return gas | {"mass": gas["mass"] * factor, "density": gas["density"] * factor} | per_mass
+
+
+def particles_at_rest(pos: np.ndarray, mass: np.ndarray | float) -> dict[str, np.ndarray]:
+    """Return the arrays of particles at rest at the positions `pos` (n, d). mass: masses (n,), or one mass for all."""
+    return {"pos": pos, "vel": np.zeros_like(pos), "mass": np.full(len(pos), mass)}
+
+
+def concatenate_groups(groups: Sequence[dict[str, Any]]) -> dict[str, np.ndarray]:
+    """Return the arrays of several groups of particles, concatenated by name."""
+    return {key: np.concatenate([group[key] for group in groups]) for key in groups[0]}
+
+
+def make_populations(scene: Scene, make: Callable[[Any], dict[str, Any]]) -> dict[str, np.ndarray]:
+    """Return the arrays of all dust populations, concatenated, with the index of the population as `species` (n,).
+
+    make: function that returns the arrays of the particles of one population.
+    """
+    groups = [make(population) for population in scene.dust or ()]
+    return concatenate_groups([group | {"species": np.full(len(group["mass"]), k)} for k, group in enumerate(groups)])
+
+
+def make_state(scene: Scene, arrays: ParticleArrays) -> State:
+    """Return a State with copies of the particle arrays, {species: {name: array}}.
+
+    Raises ValueError if a position, velocity or mass is not finite, or if a mass is not positive.
+    """
+    gas = _make_gas(scene, arrays["gas"]) if "gas" in arrays else None
+    dust = _make_dust(scene, arrays["dust"], gas.count if gas is not None else 0) if "dust" in arrays else None
+    return State(scene, gas, dust, None)
+
+
+def _make_dust(scene: Scene, given: dict[str, Any], first_id: int) -> Dust:
+    """Return the dust with copies of the arrays `given`; its ids begin at `first_id`."""
+    species = np.array(given.get("species", np.zeros(len(given["mass"]))), np.int64)
+    size = given.get("size")
+    if size is None and scene.table("growth") is not None:
+        size = np.full(len(species), scene.dust[0].grain_size)
+    return Dust(**_common_arrays("dust", given, first_id), species=species, size=size, immobile=given.get("immobile"))
+
+
+def _common_arrays(name: str, given: dict[str, Any], first_id: int) -> dict[str, np.ndarray]:
+    """Return the arrays that gas and dust have in common: copies of pos, vel and mass, and acc and ids.
+
+    name: name of the species, for the message of the ValueError. first_id: id of the first particle.
+    """
+    arrays = {key: np.array(given[key], float, order="C") for key in ("pos", "vel", "mass")}  # kernels need C order
+    if not all(np.isfinite(array).all() for array in arrays.values()) or arrays["mass"].min() <= 0.0:
+        raise ValueError(
+            f"the start makes {name} with positions, velocities or masses that are not finite, or masses that are not "
+            "positive; expected less extreme values in the scene"
+        )
+    ids = np.arange(first_id, first_id + len(arrays["mass"]), dtype=np.int64)
+    return arrays | {"acc": np.zeros_like(arrays["pos"]), "ids": ids}
+
+
 def _make_gas(scene: Scene, given: dict[str, Any]) -> Gas:
+    """Return the gas with copies of the arrays `given`, and with all arrays that the effects of the scene need."""
     from discsim.physics.eos import eos_of, initial_energy, radius
 
     common = _common_arrays("gas", given, 0)
@@ -146,7 +197,7 @@ def _make_gas(scene: Scene, given: dict[str, Any]) -> Gas:
         density = np.asarray(given.get("density", common["mass"].sum() / volume))
         h = scene.gas.eta * (common["mass"] / density) ** (1.0 / dim)
     viscous = scene.alpha_viscosity is not None
-    foreseen = scene.gas.viscosity is not None or viscous or u is not None
+    has_kick_acc = scene.gas.viscosity is not None or viscous or u is not None
     heated = u is not None and scene.drag is not None and scene.drag.heating
     return Gas(
         **common,
@@ -158,7 +209,7 @@ def _make_gas(scene: Scene, given: dict[str, Any]) -> Gas:
         u=u,
         heating_rate=None if u is None else np.zeros(n),
         kick_rate=None if u is None else np.zeros(n),
-        kick_acc=np.zeros((n, dim)) if foreseen else None,
+        kick_acc=np.zeros((n, dim)) if has_kick_acc else None,
         pressure_acc=np.zeros((n, dim)) if heated else None,
         pressure_vel=np.zeros((n, dim)) if heated else None,
         radiated=None if scene.cooling is None else np.zeros(n),

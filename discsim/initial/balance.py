@@ -1,11 +1,11 @@
-"""Local equilibrium of a disc: velocities of gas and dust that balance the forces on them.
+"""Equilibrium of a disc: velocities of gas and dust that balance the forces on them.
 
 Gas: v_phi^2 / r = g(r) + (1/Sigma) dP/dr. g(r) is the inward acceleration by star, companions and self-gravity at r,
-averaged over azimuth. With [alpha_viscosity], v_r is the flow that the viscosity drives.
+averaged over azimuth. With [alpha_viscosity], viscosity drives a radial flow v_r.
 
 Dust with drag: the steady drift of Nakagawa, Sekiya & Hayashi (1986) about circular orbits of the gas (eqs. 9 and 10
 of `exact/nsh.py`), for the local Stokes numbers and dust-to-gas ratios of all populations. With two-way drag the gas
-drifts too. With one-way drag, the drift of dust is that for a dust-to-gas ratio of zero.
+drifts too. With one-way drag, dust drifts as at a dust-to-gas ratio of zero.
 Dust without drag, or with `initial.dust_velocity` "balance": circular orbits, v_phi^2 / r = g(r).
 """
 
@@ -36,14 +36,14 @@ companions = Lazy("discsim.physics.companions")
 growth = Lazy("discsim.physics.growth")
 viscosity = Lazy("discsim.physics.viscosity")
 MAX_ORBITS = 1000.0  # upper bound of initial.relax
-MAX_MACH = 1.0  # largest radial velocity of a viscous flow, in sound speeds
+MAX_MACH = 1.0  # largest radial velocity that viscosity drives, in sound speeds
 Array = np.ndarray
 SIZE_SAMPLES = 32  # number of grain sizes that represent a continuous size distribution in sums
-CHUNK = 1 << 17  # particles per chunk: velocities need temporary arrays of many times the memory of positions
+CHUNK = 1 << 17  # particles per chunk: velocities need temporary arrays of many times the memory of the positions
 MIN_RING_PARTICLES = 32  # smallest number of particles in a ring whose velocities are averaged
 
 
-class Settled(Table):
+class BalanceKeys(Table):
     """Keys of a start whose velocities balance the forces."""
 
     dust_velocity: Annotated[Literal["balance", "drift"] | None, Default('"drift" with drag, else "balance"')] = Field(
@@ -58,41 +58,43 @@ class Settled(Table):
     )
 
 
-def relaxes_gas(draft: Draft) -> Iterator[Problem]:
-    """Yield problems of `initial.relax`: it needs [gas] and [star], and no perturbation."""
+def relaxation_problems(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of `initial.relax`, which needs [gas] and [star], and excludes a perturbation."""
     if draft.initial.relax == 0.0:
         return
     for table, why in (("gas", "relaxation needs gas"), ("star", "relaxation is measured in orbits about a star")):
         if not draft.has(table):
-            yield ("initial", "relax"), f"{why}; expected a table [{table}] too, or no relax"
+            yield ("initial", "relax"), f"{why}; add a table [{table}], or leave this key out"
     if getattr(draft.initial, "perturbation", 0.0) > 0.0:
         wrong = "initial.perturbation is also given, and relaxation would remove it"
-        yield ("initial", "relax"), f"{wrong}; expected only one of the two"
+        yield ("initial", "relax"), f"{wrong}; leave initial.perturbation or this key out"
 
 
-class Balance:
-    """The equilibrium of the disc in `state` under the forces of `effects`.
+class Equilibrium:
+    """Equilibrium of the disc in `state` under the forces of `effects`.
 
-    Self-gravity and companions enter by their mean over azimuth at each radius.
+    The accelerations by self-gravity and companions are averaged over azimuth at each radius.
+    gravity: inward acceleration by gravity, as a function of radii (n,). has_small_dust: whether the mass of gas
+    particles includes small dust. drifts: whether dust starts with its drift.
     """
 
     def __init__(self, state: State, effects: dict[str, Any]) -> None:
         self.scene, self.effects = state.scene, effects
         self.gravity = mean_gravity(state, effects)
-        self.laden = "growth" in effects and growth.small_dust_in_mass(state.scene)
+        self.has_small_dust = "growth" in effects and growth.small_dust_in_mass(state.scene)
         self.drifts = "drag" in effects and getattr(self.scene.initial, "dust_velocity", None) != "balance"
 
     def velocities(
         self, name: str, pos: Array, species: Array | None, size: Array | None = None
     ) -> tuple[Array, Array]:
-        """Return the radial and the azimuthal velocity (n,) of gas or dust at positions `pos` (n, 2).
+        """Return the radial and the azimuthal velocity (n,) of gas or dust particles at the positions `pos` (n, 2).
 
         name: "gas" or "dust". species (n,): index of the population of each dust particle; None for gas. size (n,):
-        grain radii; None: the mean size of each population.
+        grain radii; None: grains have the mean size of their population.
         """
         scene = self.scene
         r = np.sqrt((pos**2).sum(axis=1))
-        # No rotation balances gravity that points outwards. `settle` refuses discs with much mass in such places.
+        # No rotation balances gravity that points outwards. `settle` raises an error if much mass is at such radii.
         keplerian = np.sqrt(np.maximum(self.gravity(r) * r, 1e-300))
         radial, lag = np.zeros(len(r)), np.zeros(len(r))
         if scene.model.given is not None:
@@ -103,7 +105,7 @@ class Balance:
         elif scene.gas is not None:
             disc = profile.radial(scene)
             headwind = 0.5 * disc.pressure_acceleration(r) * r / keplerian  # eta v_K
-            if self.laden:  # only gas has pressure, which accelerates gas and small dust together
+            if self.has_small_dust:  # the pressure of the gas accelerates gas and small dust together
                 headwind = headwind / (1.0 + growth.small_ratio_at(scene, r, disc.dust_share))
             headwind[keplerian <= 1e-100] = 0.0
             if self.drifts and (name == "dust" or scene.drag.direction == "two-way"):
@@ -112,11 +114,11 @@ class Balance:
                 # Without drag the balance of gas is known exactly, not only to first order in the headwind.
                 lag = np.sqrt(np.maximum(keplerian**2 - 2.0 * headwind * keplerian, 0.0)) - keplerian
             if name == "gas" and scene.table("alpha_viscosity") is not None:
-                radial = radial + viscous_flow(scene, disc, r)
+                radial = radial + viscous_inflow(scene, disc, r)
         return radial, keplerian + lag
 
     def without_drag(self, pos: Array) -> tuple[Array, Array]:
-        """Return the radial and the azimuthal velocity (n,) of gas at `pos` (n, 2), without drag by dust."""
+        """Return radial and azimuthal velocity (n,) of gas at the positions `pos` (n, 2), without drag by dust."""
         drifts, self.drifts = self.drifts, False
         try:
             return self.velocities("gas", pos, None)
@@ -126,39 +128,39 @@ class Balance:
     def _drift(
         self, disc: profile.Radial, species: Array | None, r: Array, omega: Array, headwind: Array, size: Array | None
     ) -> tuple[Array, Array]:
-        """Return the steady radial and azimuthal drift (n,) of dust relative to Keplerian rotation.
+        """Return the steady radial and azimuthal velocity (n,) of dust relative to Keplerian rotation.
 
-        species (n,): index of the population of each dust particle; None: return the drift of gas. r, omega, headwind
-        (n,): radius, Keplerian frequency and eta v_K. size (n,): grain radii, as in `velocities`.
+        species (n,): index of the population of each dust particle; None: return the velocity of the gas instead. r,
+        omega, headwind (n,): radius, Keplerian frequency and eta v_K. size (n,): grain radii, as in `velocities`.
         """
-        # In the back-reaction, a few sizes with mass represent each population. The dust whose drift is returned is
-        # added as one more kind, without mass.
+        # The equations are those of several kinds of grains. A few sizes with mass represent each population. The
+        # grains whose drift is returned are one more kind, without mass.
         scene, drag = self.scene, self.effects["drag"]
         density = disc.surface_density(r)
         sound = profile.initial_thermal_speed(scene, r, density)
-        typical, kinds, loads, pushed = np.empty((len(scene.dust), len(r))), [], [], []
+        typical, stokes, loads, pushed = np.empty((len(scene.dust), len(r))), [], [], []
         push = radiation.radiation_velocities(scene, r, omega * r)
         for k, population in enumerate(scene.dust):
             # Beyond an edge there is no gas and the stopping time is infinite; the bound avoids inf * 0.
             typical[k] = np.minimum(omega * drag.stopping_time(k, density, sound, omega, population.ratio), 1e100)
             ratio = population.ratio if disc.dust_share is None else population.ratio * disc.dust_share(r)
-            there = (r >= (population.inner or 0.0)) & (r <= (population.outer or np.inf))
-            load = np.where(there & (scene.drag.direction == "two-way"), ratio, 0.0)
-            if self.laden:
+            inside = (r >= (population.inner or 0.0)) & (r <= (population.outer or np.inf))
+            load = np.where(inside & (scene.drag.direction == "two-way"), ratio, 0.0)
+            if self.has_small_dust:
                 small = growth.small_ratio_at(scene, r, disc.dust_share)
                 load = (load - small) / (1.0 + small)
             for over_typical, share in _representative_sizes(population):
-                kinds.append(over_typical * typical[k])
+                stokes.append(over_typical * typical[k])
                 loads.append(share * load)
                 pushed.append(None if push is None else push[k])
         if species is not None:
             at = species, np.arange(len(r))
             factor = 1.0 if size is None else size / np.array([typical_size(p) for p in scene.dust])[species]
-            kinds.append(factor * typical[at])
+            stokes.append(factor * typical[at])
             loads.append(np.zeros(len(r)))
             pushed.append(None if push is None else push[at])
         found = nsh.about_circles(
-            np.array(kinds), np.array(loads), headwind, omega * r, None if push is None else np.array(pushed)
+            np.array(stokes), np.array(loads), headwind, omega * r, None if push is None else np.array(pushed)
         )
         if species is None:
             return found.gas_radial, found.gas_azimuthal
@@ -166,9 +168,9 @@ class Balance:
 
 
 def _representative_sizes(population: Any) -> Iterator[tuple[float, float]]:
-    """Yield (relative stopping time, mass fraction) for each of the sizes that represent a population.
+    """Return (relative stopping time, mass fraction) for each of the grain sizes that represent a population.
 
-    The stopping time is relative to that of the mean size.
+    The stopping time is divided by that of the mean size.
     """
     if not has_sizes(population):
         return iter([(1.0, 1.0)])
@@ -176,8 +178,8 @@ def _representative_sizes(population: Any) -> Iterator[tuple[float, float]]:
     return zip(size / typical_size(population), weight / weight.sum(), strict=True)
 
 
-def gas_alone(scene: Scene) -> Scene:
-    """Return the scene reduced to gas that only star, companions, pressure and viscosity accelerate."""
+def gas_only_scene(scene: Scene) -> Scene:
+    """Return the scene with gas only, which only star, companions, pressure and viscosity accelerate."""
     gone = dict.fromkeys(("dust", "drag", "cooling", "self_gravity", "damping"))
     if scene.table("growth") is not None:
         gone.pop("drag")  # the direction of drag decides whether gas particles include the mass of small dust
@@ -185,96 +187,89 @@ def gas_alone(scene: Scene) -> Scene:
 
 
 def settle(state: State, effects: dict[str, Any]) -> None:
-    """Set the velocities of gas and dust so that they balance the forces of `effects`.
+    """Set the velocities of the gas and dust in `state` so that they balance the forces of `effects`.
 
     Raises ValueError if no rotation balances the forces on more than the mass fraction `support.MAX_FALLING` of a
     species.
     """
-    found = Balance(state, effects)
-    # The mean pull of companions is tabulated over the radii of one call, so all particles have to be in one call.
-    most = CHUNK if state.scene.table("companion") is None else np.iinfo(np.int64).max
+    equilibrium = Equilibrium(state, effects)
+    # `companions.mean_pull` tabulates over the radii of one call, so with companions all particles are in one chunk.
+    chunk = CHUNK if state.scene.table("companion") is None else np.iinfo(np.int64).max
     for name, particles in state.species.items():
         own = getattr(particles, "species", None), getattr(particles, "size", None)
-        for first in range(0, particles.count, most):
-            piece = slice(first, first + most)
-            pos = particles.pos[piece]
-            radial, azimuthal = found.velocities(name, pos, *(None if array is None else array[piece] for array in own))
+        for first in range(0, particles.count, chunk):
+            rows = slice(first, first + chunk)
+            pos = particles.pos[rows]
+            of_grains = (None if array is None else array[rows] for array in own)
+            radial, azimuthal = equilibrium.velocities(name, pos, *of_grains)
             direction = pos / np.sqrt((pos**2).sum(axis=1))[:, None]
             across = np.stack([-direction[:, 1], direction[:, 0]], axis=1)
-            particles.vel[piece] = radial[:, None] * direction + azimuthal[:, None] * across
+            particles.vel[rows] = radial[:, None] * direction + azimuthal[:, None] * across
         if state.scene.model.given is None:
-            _refuse_unbound(found, name, particles)
+            _check_orbits(equilibrium, name, particles)
 
 
-def faults(scene: Scene) -> Iterator[Problem]:
-    """Yield a problem if the disc of a scene cannot rotate in balance."""
-    yield from support.faults(scene)
+def _check_orbits(equilibrium: Equilibrium, name: str, particles: Any) -> None:
+    """Raise ValueError if more than the mass fraction `support.MAX_FALLING` of `particles` has no circular orbit.
 
-
-def _refuse_unbound(found: Balance, name: str, particles: Any) -> None:
-    """Raise ValueError if no rotation balances the forces on too much of the mass of `particles`.
-
-    At most the mass fraction `support.MAX_FALLING` is allowed. name: name of the species, for the message.
+    name: name of their species, for the message.
     """
     r = np.sqrt((particles.pos**2).sum(axis=1))
-    pull = found.gravity(r)
+    pull = equilibrium.gravity(r)
     turning = (particles.pos[:, 0] * particles.vel[:, 1] - particles.pos[:, 1] * particles.vel[:, 0]) / r
     falling = turning <= 2.0 * nsh.SLOWEST * np.sqrt(np.abs(pull) * r)
-    share = float(particles.mass[falling].sum() / particles.mass.sum())
-    if share > support.MAX_FALLING:
-        where = found.scene.units.show(float(np.median(r[falling])), "length")
-        what = (
-            "self-gravity acts outwards"
-            if np.median(pull[falling]) <= 0.0
-            else "pressure or radiation pressure exceeds gravity"
-        )
+    fraction = float(particles.mass[falling].sum() / particles.mass.sum())
+    if fraction > support.MAX_FALLING:
+        where = equilibrium.scene.units.show(float(np.median(r[falling])), "length")
+        outwards = np.median(pull[falling]) <= 0.0
+        cause = "self-gravity acts outwards" if outwards else "pressure or radiation pressure exceeds gravity"
         raise ValueError(
-            f"a fraction of {share:.2g} of the {name} has no circular orbit, near r = {where}, where {what}; "
-            "expected lower "
-            "H/r or beta, or a wider taper there"
+            f"a fraction of {fraction:.2g} of the {name} has no circular orbit near r = {where}, where {cause}; "
+            "expected lower H/r or beta, or a wider taper there"
         )
 
 
-def viscous_flow(scene: Scene, disc: profile.Radial, r: Array) -> Array:
-    """Return the radial velocity (n,) of gas that its viscosity drives, limited to MAX_MACH c_s.
+def viscous_inflow(scene: Scene, disc: profile.Radial, r: Array) -> Array:
+    """Return the radial velocity (n,) of gas that viscosity drives, at the radii r (n,) of the disc.
 
-    Without the limit it would diverge at the edges of the disc.
+    Unless the disc sets this velocity itself, it is limited to MAX_MACH c_s; else it would diverge at the edges.
     """
     if disc.inflow is not None:
         return disc.inflow(r)
     with np.errstate(divide="ignore", invalid="ignore"):
         flow = viscosity.radial_flow(scene, r, disc.surface_density)
-    most = MAX_MACH * profile.sound_speed(scene, r, disc.surface_density(r))
-    return np.clip(np.where(np.isfinite(flow), flow, 0.0), -most, most)
+    fastest = MAX_MACH * profile.sound_speed(scene, r, disc.surface_density(r))
+    return np.clip(np.where(np.isfinite(flow), flow, 0.0), -fastest, fastest)
 
 
-def tabulated(state: State, effects: dict[str, Any], radius: Array) -> Array:
+def velocity_profiles(state: State, effects: dict[str, Any], radius: Array) -> Array:
     """Return radial and azimuthal velocities (kinds, n, 2) at the radii `radius` (n,).
 
-    The kinds are the gas, if the scene has gas, and then each dust population. Velocities are those of equilibrium
-    with [background] or a start with a radial profile; otherwise they are means over azimuth of particle velocities.
+    The kinds are the gas, if the scene has gas, and then each dust population. With [background], or with a start that
+    has radial profiles, the velocities are those of the equilibrium. Otherwise they are means over azimuth of particle
+    velocities.
     """
     scene: Any = state.scene
     kinds = [("gas", 0)] if state.gas is not None else []
     kinds += [("dust", k) for k in range(len(scene.dust or ()))]
     known = scene.model.given is not None or (scene.initial is not None and start_of(scene).radial is not None)
-    found = Balance(state, effects) if known else None
+    equilibrium = Equilibrium(state, effects) if known else None
     out = np.empty((len(kinds), len(radius), 2))
     for row, (name, k) in enumerate(kinds):
-        if found is not None:
+        if equilibrium is not None:
             pos = np.stack([radius, np.zeros_like(radius)], axis=1)
             species = np.full(len(radius), k) if name == "dust" else None
-            out[row] = np.stack(found.velocities(name, pos, species), axis=1)
+            out[row] = np.stack(equilibrium.velocities(name, pos, species), axis=1)
         else:
             out[row] = _mean_velocities(state.species[name], k, radius)
     return out
 
 
 def _mean_velocities(particles: Any, population: int, radius: Array) -> Array:
-    """Return mean radial and azimuthal velocities (n, 2) at the radii `radius` (n,).
+    """Return mean radial and azimuthal velocities (n, 2) of `particles` at the radii `radius` (n,).
 
     Velocities are averaged over rings with equal numbers of particles, and interpolated between the rings.
-    population: index of the dust population; 0 for gas.
+    population: index of the dust population to average; 0 for gas.
     """
     chosen = np.flatnonzero(getattr(particles, "species", np.zeros(particles.count, int)) == population)
     pos, vel = particles.pos[chosen], particles.vel[chosen]
@@ -288,17 +283,19 @@ def _mean_velocities(particles: Any, population: int, radius: Array) -> Array:
 
 
 def mean_gravity(state: State, effects: dict[str, Any]) -> Callable[[Array], Array]:
-    """Return the function g of radii (n,): the inward acceleration by star, companions and self-gravity.
+    """Return a function of radii (n,) that returns the inward acceleration (n,) by star, companions and self-gravity.
 
-    The acceleration is averaged over azimuth. Self-gravity is sampled at the particles of `state.limiting`, because
-    one-way dust must not change the gas.
+    The acceleration is averaged over azimuth. Self-gravity is computed here, at the particles of `state.limiting`: dust
+    with one-way drag must not change the gas. `acc` of all particles in `state` is overwritten.
     """
 
     def pull(radius: Array) -> Array:
         if state.scene.star is None:
             return np.zeros(len(radius))
-        own = star_pull(state.scene, radius)
-        return own if state.scene.table("companion") is None else own + companions.mean_pull(state.scene, radius)
+        by_star = star_pull(state.scene, radius)
+        if state.scene.table("companion") is None:
+            return by_star
+        return by_star + companions.mean_pull(state.scene, radius)
 
     if "self_gravity" not in effects:
         return pull

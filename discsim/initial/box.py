@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from pydantic import Field
 
-from discsim.initial.base import Array, Arrays, Places, Start
-from discsim.initial.lattice import everywhere, uniform
+from discsim.initial.base import Array, Arrays, SamplePoints, Start
+from discsim.initial.lattice import sample_uniform_gas, uniform_particles
 from discsim.initial.measure import ErrorMeasure, Simulated, velocity_errors
 from discsim.parts import LAWS
 from discsim.scene.fields import Density, Table, VelocityVector
@@ -32,24 +32,27 @@ class Box(Table):
 
 def particles(scene: Scene) -> dict[str, Arrays]:
     start = scene.initial
-    out = uniform(scene, start.density)
+    out = uniform_particles(scene, start.density)
     for name, arrays in out.items():
         arrays["vel"] += np.array(getattr(start, f"{name}_velocity"))
     return out
 
 
-def cells(scene: Scene, x: Array, dx: float) -> tuple[Array, Arrays, Array | None]:
+def cell_values(scene: Scene, x: Array, dx: float) -> tuple[Array, Arrays, Array | None]:
     start = scene.initial
     vel = {"gas": np.full_like(x, start.gas_velocity[0]), "dust": np.full_like(x, start.dust_velocity[0])}
     return np.full_like(x, start.density), vel, None
 
 
-def places(scene: Scene) -> Places:
-    return everywhere(scene.initial.density)
+def sample_points(scene: Scene) -> SamplePoints:
+    return sample_uniform_gas(scene.initial.density)
 
 
 def measure(scene: Scene) -> ErrorMeasure | None:
-    """Return the measure of velocity errors, relative to the slip at the start; None without exact solution."""
+    """Return the `ErrorMeasure` of particle velocities, relative to the initial velocity difference of gas and dust.
+
+    None if the scene has no exact solution, which needs gas, a single dust population and a uniform drag rate.
+    """
     drag = scene.drag
     rate = LAWS[drag.law].uniform_rate if drag else None
     if not scene.gas or len(scene.dust or ()) != 1 or rate is None:
@@ -64,11 +67,18 @@ def measure(scene: Scene) -> ErrorMeasure | None:
         if drag.direction == "one-way":
             # Gas without back-reaction is equivalent to infinitely heavy gas.
             coefficient, ratio = coefficient * 1e-12 / ratio, 1e-12
-        found = dustybox.velocities(sim.time, gas, dust, 1.0, ratio, coefficient, pulls[0], pulls[1])
-        exact = found[kind == "dust"]
+        exact = dustybox.velocities(sim.time, gas, dust, 1.0, ratio, coefficient, *pulls)[kind == "dust"]
         return exact, exact - (dust - gas)
 
     return ErrorMeasure("particle velocities compared with the exact relaxation", velocity_errors(exact))
 
 
-START = Start(Box, particles, places, cells=cells, measure=measure, exact_with=("external",), uniform=True)
+START = Start(
+    Box,
+    particles,
+    sample_points,
+    cell_values=cell_values,
+    measure=measure,
+    exact_effects=("external",),
+    stays_uniform=True,
+)

@@ -1,10 +1,11 @@
-"""disc: power laws with tapers (`physics/profile.py`), particles of equal mass on rings (`rings.py`), and velocities
-in balance with the forces (`balance.py`).
+"""disc: a disc with power laws of radius and tapered edges (`physics/profile.py`).
+
+Particles of equal mass are on rings (`rings.py`). Their velocities balance the forces (`balance.py`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from math import log10
 from typing import TYPE_CHECKING, Any, Literal
@@ -12,20 +13,22 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from pydantic import Field
 
-from discsim.initial import balance, rings
-from discsim.initial.base import Places, Start
+from discsim.initial import balance, rings, support
+from discsim.initial.base import Array, SamplePoints, Start
 from discsim.physics import profile
-from discsim.scene.fields import LARGEST, Length, Mass, Number, SurfaceDensity
+from discsim.scene.fields import LARGEST, Length, Mass, Number, SurfaceDensity, Table
 
 if TYPE_CHECKING:
     from discsim.scene import Scene
     from discsim.scene.rules import Draft, Problem
 
-Array = np.ndarray
-MIN_ROOM = 1.15  # a warning is given if half a side of space is less than MIN_ROOM times the outer radius of the disc
+MIN_MARGIN = 1.15  # a warning is given if half a side of space is less than MIN_MARGIN times the outer edge of the disc
+PERTURBATION: Any = Field(
+    0.0, ge=0, lt=0.2, description="relative amplitude in Sigma of the azimuthal modes m = 2 to 6, with random phases"
+)
 
 
-class Disc(balance.Settled):
+class Disc(balance.BalanceKeys):
     """A disc with Sigma ~ r^-p around the origin."""
 
     kind: Literal["disc"] = "disc"
@@ -40,16 +43,11 @@ class Disc(balance.Settled):
     surface_density_index: Number = Field(1.0, description="p in Sigma ~ r^-p")
     inner_taper: Length = Field(0.0, ge=0, description="width of the taper at the inner edge")
     outer_taper: Length = Field(0.0, ge=0, description="width of the taper at the outer edge")
-    perturbation: Number = Field(
-        0.0,
-        ge=0,
-        lt=0.2,
-        description="relative amplitude in Sigma of the azimuthal modes m = 2 to 6, with random phases",
-    )
+    perturbation: Number = PERTURBATION
 
 
 def radial(scene: Scene) -> profile.Radial:
-    """Return the disc as functions of radius."""
+    """Return the radial profiles of the disc."""
     start: Any = scene.initial
     return profile.Radial(
         start.inner,
@@ -63,7 +61,8 @@ def radial(scene: Scene) -> profile.Radial:
 # Rules
 
 
-def has_edges_in_space(draft: Draft) -> Iterator[Problem]:
+def edge_problems(draft: Draft) -> Iterator[Problem]:
+    """Yield a problem if the edges are in wrong order, if the disc exceeds space, or if its tapers overlap."""
     disc = draft.initial
     if disc.outer <= disc.inner:
         yield ("initial", "outer"), "outer is not larger than inner; expected outer > inner"
@@ -71,8 +70,8 @@ def has_edges_in_space(draft: Draft) -> Iterator[Problem]:
         share = min(draft.space.size) / (2 * disc.outer)
         yield (
             ("space", "size"),
-            f"the space is smaller than the disc: half a side is {share:.3g} of initial.outer; "
-            "expected more than 1 (1.3 leaves room to spread)",
+            f"space is smaller than the disc: half a side is {share:.3g} of initial.outer; "
+            "expected more than 1 (with 1.3 the disc can spread)",
         )
     elif disc.inner_taper + disc.outer_taper > disc.outer - disc.inner:
         wide = (disc.inner_taper + disc.outer_taper) / (disc.outer - disc.inner)
@@ -80,8 +79,8 @@ def has_edges_in_space(draft: Draft) -> Iterator[Problem]:
         yield ("initial", key), f"the tapers are {wide:.3g} times as wide as the disc; expected at most 1"
 
 
-def has_finite_powers(draft: Draft) -> Iterator[Problem]:
-    """Yield a problem for each power law of radius that overflows within the disc."""
+def power_law_problems(draft: Draft) -> Iterator[Problem]:
+    """Yield a problem for each power law of radius whose values overflow between the edges of the disc."""
     gas = draft.gas or draft.background
     laws = [("initial", draft.initial, "surface_density_index")]
     if draft.has("background"):
@@ -92,99 +91,121 @@ def has_finite_powers(draft: Draft) -> Iterator[Problem]:
         index, where = getattr(law, key), law.reference_radius
         if max(abs(index * log10(r / where)) for r in (draft.initial.inner, draft.initial.outer)) > log10(LARGEST):
             path = (table, "eos", key) if key == "temperature_index" else (table, key)
-            yield path, f"{index:g} gives powers of the radius beyond {LARGEST:g}; expected a smaller index"
+            yield path, f"{index:g} makes powers of the radius exceed {LARGEST:g}; expected an index nearer to 0"
 
 
-def has_one_mass(draft: Draft) -> Iterator[Problem]:
-    scales = ("mass", "toomre_q", "surface_density")
-    given = [key for key in scales if getattr(draft.initial, key) is not None]
+def mass_problems(draft: Draft, keys: tuple[str, ...]) -> Iterator[Problem]:
+    """Yield a problem unless exactly one of `keys`, the keys of [initial] that set the mass of the disc, is given."""
+    given = [key for key in keys if getattr(draft.initial, key) is not None]
     if len(given) != 1:
-        wrong = "{} are all given".format(" and ".join(given)) if given else "no mass of the disc is given"
-        yield ("initial", *given[-1:]), f"{wrong}; expected exactly one of {', '.join(scales)}"
+        wrong = f"{' and '.join(given)} are {'both' if len(given) == 2 else 'all'} given"
+        wrong = wrong if given else "no mass of the disc is given"
+        yield ("initial", *given[-1:]), f"{wrong}; expected exactly one of {', '.join(keys)}"
 
 
-def needs_a_centre(draft: Draft) -> Iterator[Problem]:
+def centre_problems(draft: Draft) -> Iterator[Problem]:
+    """Yield a problem if no gravity binds the disc."""
     if not draft.has("star") and not draft.has("self_gravity"):
-        yield (
-            ("initial", "kind"),
-            "the disc is not bound by gravity; expected a table [star] or [self_gravity]",
-        )
+        yield ("initial", "kind"), "no gravity binds the disc; expected a table [star] or [self_gravity]"
 
 
-def has_tables_for_q(draft: Draft) -> Iterator[Problem]:
+def toomre_q_problems(draft: Draft) -> Iterator[Problem]:
+    """Yield a problem for each table that `initial.toomre_q` needs and that is absent, or for a prescribed disc."""
     if draft.initial.toomre_q is None:
         return
     for table in ("gas", "star"):
         if not draft.has(table):
-            yield ("initial", "toomre_q"), f"Q = c_s kappa / (pi G Sigma) needs a table [{table}]"
+            wrong = f"Q = c_s kappa / (pi G Sigma) needs a table [{table}]"
+            yield ("initial", "toomre_q"), f"{wrong}; expected [{table}], or initial.mass or initial.surface_density"
     if draft.has("background"):
-        yield ("initial", "toomre_q"), "Toomre Q needs gas; expected a table [gas], or mass or surface_density"
+        wrong = "Q is that of a table [gas], and this scene has [background]"
+        yield ("initial", "toomre_q"), f"{wrong}; expected initial.mass or initial.surface_density instead"
 
 
-def has_dust_within(draft: Draft) -> Iterator[Problem]:
+def dust_edge_problems(draft: Draft) -> Iterator[Problem]:
+    """Yield a problem for each dust population with an offset, or without gas between its edges."""
     for i, dust in enumerate(draft.dust or ()):
         if dust.offset:
-            yield ("dust", i, "offset"), "a disc has no uniform gas spacing; expected no offset"
+            yield ("dust", i, "offset"), "particles of a disc have no uniform spacing; leave dust.offset out"
         if dust.inner is not None and dust.outer is not None and dust.outer <= dust.inner:
             continue  # a general rule of dust reports this
         if dust.inner is not None and dust.inner >= draft.initial.outer:
-            yield ("dust", i, "inner"), "there is no gas outside the disc; expected less than initial.outer"
+            yield ("dust", i, "inner"), "there is no gas beyond initial.outer; expected less than initial.outer"
         elif dust.outer is not None and dust.outer <= draft.initial.inner:
-            yield ("dust", i, "outer"), "there is no gas inside the inner edge; expected more than initial.inner"
+            yield ("dust", i, "outer"), "there is no gas inside initial.inner; expected more than initial.inner"
 
 
 # Previews
 
 
-def places(scene: Scene) -> Places:
+def sample_points(scene: Scene) -> SamplePoints:
     """Return the gas at the ends of both tapers and in the middle of the disc."""
     start: Any = scene.initial
     inner, outer = start.inner + start.inner_taper, start.outer - start.outer_taper
     radius = np.array([inner, (start.inner + start.outer) / 2, outer])
     names = [scene.units.show(r, "length") for r in radius]
-    return Places(names, profile.radial(scene).surface_density(radius), radius)
+    return SamplePoints(names, profile.radial(scene).surface_density(radius), radius)
 
 
-def spread(scene: Scene) -> tuple[Places, Array]:
+def sample_all_gas(scene: Scene) -> tuple[SamplePoints, Array]:
+    """Return sample points at radii from edge to edge, and relative gas masses r Sigma (n,)."""
     r = profile.sample_radii(scene.initial)
     density = profile.radial(scene).surface_density(r)
     r, density = r[density > 0], density[density > 0]
-    return Places([], density, r), r * density
+    return SamplePoints([], density, r), r * density
 
 
 def warnings(scene: Scene) -> Iterator[str]:
+    """Yield a warning if space is hardly larger than the disc."""
     half, outer = 0.5 * min(scene.space.size), scene.initial.outer
-    if half < MIN_ROOM * outer and scene.model.given is None:
-        wanted = scene.units.show(2 * MIN_ROOM * outer, "length")
+    if half < MIN_MARGIN * outer and scene.model.given is None:
+        needed = scene.units.show(2 * MIN_MARGIN * outer, "length")
         yield (
-            f"space.size leaves {half / outer - 1:.2g} of the disc's radius as margin, below {MIN_ROOM - 1:.2g}: "
-            f"spreading gas leaves the grid; raise space.size to {wanted}"
+            f"space.size leaves {half / outer - 1:.2g} of the disc's radius as margin, below {MIN_MARGIN - 1:.2g}: "
+            f"spreading gas leaves the grid; raise space.size to {needed}"
         )
 
 
-START = Start(
+def disc_start(
+    keys: type[Table],
+    sample_points: Callable[[Scene], SamplePoints],
+    radial: Callable[[Scene], profile.Radial],
+    **more: Any,
+) -> Start:
+    """Return the Start of a disc on rings with velocities in balance.
+
+    keys, sample_points, radial: attributes of `Start`. more: further attributes, in place of the defaults here.
+    """
+    defaults = {"samples_of_all_gas": sample_all_gas, "warnings": warnings}
+    return Start(
+        keys,
+        rings.particles,
+        sample_points,
+        radial=radial,
+        settle=balance.settle,
+        problems=support.problems,
+        dimensions=(2,),
+        boundary="open",
+        kernel="wendland-c2",  # quieter for its cost (analysis/noise.py)
+        region_mass=rings.gas_mass,
+        on_lattice=False,
+        edges=rings.edges,
+        **(defaults | more),
+    )
+
+
+START = disc_start(
     Disc,
-    rings.particles,
-    places,
-    radial=radial,
-    settle=balance.settle,
-    faults=balance.faults,
-    dimensions=(2,),
-    boundary="open",
+    sample_points,
+    radial,
     rules=(
-        has_edges_in_space,
-        has_finite_powers,
-        has_one_mass,
-        needs_a_centre,
-        has_tables_for_q,
-        has_dust_within,
-        balance.relaxes_gas,
+        edge_problems,
+        power_law_problems,
+        partial(mass_problems, keys=("mass", "toomre_q", "surface_density")),
+        centre_problems,
+        toomre_q_problems,
+        dust_edge_problems,
+        balance.relaxation_problems,
     ),
-    kernel="wendland-c2",  # quieter for its cost (analysis/noise.py)
-    masses=rings.mass,
-    spread=spread,
-    on_lattice=False,
-    edges=rings.edges,
     reference_density=profile.sigma_ref,
-    warnings=warnings,
 )

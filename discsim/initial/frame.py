@@ -1,6 +1,6 @@
-"""Star and companions at the start of a run, and the change of frame from the start to the run.
+"""Star and companions at the start of a run, and the change from the reference frame of the start to that of the run.
 
-In the frame of a start the origin is the centre of the disc.
+In the frame of the start the origin is the centre of the disc, at rest.
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ if TYPE_CHECKING:
 
 
 def make_bodies(scene: Scene, with_start: bool) -> Bodies | None:
-    """Return star and companions, with the centre of the disc at rest at the origin.
+    """Return star and companions at the start, in the frame of the start.
 
     Return None if there is no star, or if the star has a constant mass and stays at the origin.
-    with_start: whether the run begins with the scene's start, in which star and companions may already move.
+    with_start: whether particles are made by the scene's start, which may continue the orbits of an earlier run.
     """
     if is_star_at_rest(scene):
         return None
-    under_way = start_of(scene).under_way if with_start else None
-    return Orbits(scene).initial_bodies(under_way(scene) if under_way else None)
+    moving = start_of(scene).moving_bodies if with_start else None
+    return Orbits(scene).initial_bodies(moving(scene) if moving else None)
 
 
-def enter_frame(state: State, with_particles: bool) -> None:
-    """Transform star and companions from the frame of the disc's centre to the frame of the run.
+def transform_to_run_frame(state: State, with_particles: bool) -> None:
+    """Transform the star and companions of `state` in place, from the frame of the start to the frame of the run.
 
-    with_particles: transform gas and dust too.
+    with_particles: whether to transform gas and dust too.
     """
     bodies = state.bodies
     if bodies is None:

@@ -1,4 +1,4 @@
-"""Errors of a run relative to an exact solution, for starts that have one."""
+"""Errors of a run relative to the exact solution of its start."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Array = np.ndarray
 
 
 class Simulated(Protocol):
-    """The attributes of a `Simulation` from which errors are computed: time and particles."""
+    """Attributes of a `Simulation` from which errors are computed: its time and its particles."""
 
     @property
     def time(self) -> float: ...
@@ -30,14 +30,15 @@ class Simulated(Protocol):
 
 
 class ErrorMeasure(NamedTuple):
-    """A measure of error against an exact solution.
+    """An error relative to an exact solution: how it is computed, and its description.
 
     Attributes
     ----------
     words : str
-        Description of the error, as text for reports.
+        Text for reports that says what is compared, like "particle velocities compared with the exact wave".
     errors : callable (sim)
-        Return the errors of a simulation at its present time by species; the key "" is for an error of all species.
+        Return the errors of the simulation `sim` at its present time as {species: error}. The species "" stands for an
+        error of all species together.
     """
 
     words: str
@@ -47,10 +48,11 @@ class ErrorMeasure(NamedTuple):
 def velocity_errors(
     exact: Callable[[Simulated, str], tuple[Array, Array | float]],
 ) -> Callable[[Simulated], dict[str, float]]:
-    """Return a function of a simulation: the relative RMS error of particle velocities by species.
+    """Return a function errors(sim) that returns the relative RMS error of particle velocities of each species.
 
-    exact(sim, kind): return the exact velocities (n, d) of the particles of the species `kind`, and the velocity of a
-    frame. Errors are relative to the largest exact speed in this frame. Immobile particles are left out.
+    exact: function exact(sim, kind) that returns the exact velocities (n, d) of the particles of the species `kind`,
+    and the velocity of a reference frame. The RMS error is divided by the largest exact speed in this frame. Immobile
+    particles do not count.
     """
 
     def errors(sim: Simulated) -> dict[str, float]:

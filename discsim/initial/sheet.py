@@ -1,4 +1,7 @@
-"""sheet: a periodic sheet at rest with Sigma = Sigma_0 (1 + A sin(k x)), in which pressure opposes self-gravity."""
+"""sheet: a periodic sheet at rest with Sigma = Sigma_0 (1 + A sin(k x)), in which pressure opposes self-gravity.
+
+Sigma_0: mean surface density. A: relative amplitude. k: wavenumber along x.
+"""
 
 from __future__ import annotations
 
@@ -7,8 +10,8 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from pydantic import Field
 
-from discsim.initial.base import Arrays, Places, Start
-from discsim.initial.lattice import everywhere, stretch, uniform
+from discsim.initial.base import Arrays, SamplePoints, Start
+from discsim.initial.lattice import sample_uniform_gas, stretch_lattice, uniform_particles
 from discsim.initial.measure import ErrorMeasure, Simulated
 from discsim.physics.eos import eos_of
 from discsim.scene.fields import Count, Number, SurfaceDensity, Table
@@ -31,18 +34,22 @@ def particles(scene: Scene) -> dict[str, Arrays]:
     size = np.array(scene.space.size)
     wavevector = np.zeros(len(size))
     wavevector[0] = 2.0 * np.pi * start.wavenumber / size[0]
-    out = uniform(scene, start.surface_density)
+    out = uniform_particles(scene, start.surface_density)
     for arrays in out.values():
-        stretch(arrays["pos"], wavevector, start.amplitude)
+        stretch_lattice(arrays["pos"], wavevector, start.amplitude)
         arrays["pos"] %= size
     return out
 
 
-def places(scene: Scene) -> Places:
-    return everywhere(scene.initial.surface_density)
+def sample_points(scene: Scene) -> SamplePoints:
+    return sample_uniform_gas(scene.initial.surface_density)
 
 
 def measure(scene: Scene) -> ErrorMeasure | None:
+    """Return the `ErrorMeasure` of the wave's amplitude; None if the scene has no exact solution.
+
+    An exact solution needs gas with a single sound speed, no dust, and no self-gravity or the kernel "plummer".
+    """
     if scene.dust or not scene.gas or not eos_of(scene).one_speed:
         return None
     if scene.self_gravity and scene.self_gravity.kernel != "plummer":
@@ -53,7 +60,7 @@ def measure(scene: Scene) -> ErrorMeasure | None:
         start, gravity = scene.initial, scene.self_gravity
         k = 2.0 * np.pi * start.wavenumber / scene.space.size[0]
         pull = (start.surface_density, scene.gas.eos.sound_speed) + ((gravity.softening,) if gravity else (0.0, 0.0))
-        # Either the growth rate or the frequency is 0, so the product is the one that applies.
+        # The growth rate or the frequency is 0, so one factor is 1.
         grown = np.cosh(sheet.growth_rate(k, *pull) * sim.time) * np.cos(sheet.frequency(k, *pull) * sim.time)
         exact = start.amplitude * float(grown)
         mode = 2.0 * (np.exp(-1j * k * sim.gas.pos[:, 0]) * sim.gas.mass).sum() / sim.gas.mass.sum()
@@ -62,4 +69,6 @@ def measure(scene: Scene) -> ErrorMeasure | None:
     return ErrorMeasure("amplitude of the density wave compared with the exact one", errors)
 
 
-START = Start(Sheet, particles, places, column=True, measure=measure, exact_with=("self_gravity",))
+START = Start(
+    Sheet, particles, sample_points, has_surface_density=True, measure=measure, exact_effects=("self_gravity",)
+)

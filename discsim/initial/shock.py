@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
-from discsim.initial import joined, populations
-from discsim.initial.base import Array, Arrays, Curve, Places, Start
+from discsim.initial import concatenate_groups, make_populations
+from discsim.initial.base import Array, Arrays, Curve, SamplePoints, Start
 from discsim.initial.measure import ErrorMeasure, Simulated, velocity_errors
 from discsim.parts import Lazy
 from discsim.physics.eos import eos_of
@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from discsim.scene import Scene
 
 smoothing = Lazy("discsim.kernels.sph.smoothing")  # slow to import
-MARGIN = 2.0  # thickness of the immobile ends in support radii: kernels of moving particles must not extend beyond
-State = Annotated[
+MARGIN = 2.0  # thickness of the immobile ends in support radii: kernels of moving particles must not reach beyond them
+GasState = Annotated[
     tuple[
         Annotated[float, Field(gt=0), Measure("density")],
         Annotated[float, Field(gt=0), Measure("pressure")],
@@ -38,19 +38,20 @@ class Shock(Table):
     """A shock tube: two uniform states separated at 0 of [-size/2, size/2]."""
 
     kind: Literal["shock"] = "shock"
-    left: State = Field((1.0, 1.0, 0.0), description="gas state [density, pressure, velocity] at x < 0")
-    right: State = Field((0.125, 0.1, 0.0), description="gas state [density, pressure, velocity] at x > 0")
+    left: GasState = Field((1.0, 1.0, 0.0), description="gas state [density, pressure, velocity] at x < 0")
+    right: GasState = Field((0.125, 0.1, 0.0), description="gas state [density, pressure, velocity] at x > 0")
 
 
 def _positions_on_side(density: float, mass: float, half: float, sign: float, margin: float, offset: float) -> Array:
-    """Return the sorted positions (n,) of the particles on one side, from x = 0 to the end of the immobile particles.
+    """Return the sorted positions (n,) of the particles on one side of x = 0, including the immobile end.
 
-    half: half the length of the tube. sign: -1 for the left side, 1 for the right one. margin: thickness of the
-    immobile end. offset: displacement away from x = 0, in particle spacings.
+    density, mass: density of this side and mass of a particle. half: half the length of the tube. sign: -1 for the left
+    side, 1 for the right side. margin: thickness of the immobile end. offset: displacement towards positive x, in
+    particle spacings.
     """
-    step = mass / density
-    count = int(np.ceil((half + margin) / step))
-    return np.sort(sign * (np.arange(count) + 0.5 + sign * offset) * step)
+    spacing = mass / density
+    count = int(np.ceil((half + margin) / spacing))
+    return np.sort(sign * (np.arange(count) + 0.5 + sign * offset) * spacing)
 
 
 def particles(scene: Scene) -> dict[str, Arrays]:
@@ -60,7 +61,7 @@ def particles(scene: Scene) -> dict[str, Arrays]:
     eta, fixed = scene.gas.eta, scene.gas.smoothing_length
     support = smoothing.SUPPORT[smoothing.KERNELS[scene.gas.kernel]]
 
-    def tube(count: int, ratio: float, offset: float) -> Arrays:
+    def make_species(count: int, ratio: float, offset: float) -> Arrays:
         mass = total / count
         parts = []
         for sign, (density, pressure, velocity) in states.items():
@@ -70,19 +71,19 @@ def particles(scene: Scene) -> dict[str, Arrays]:
             if eos_of(scene).holds_heat:
                 side["u"] = np.full(len(x), pressure / (scene.gas.eos.gamma - 1.0) / density)
             parts.append(side)
-        out = joined(parts)
+        out = concatenate_groups(parts)
         out["immobile"] = np.abs(out["pos"]) > half
         out["mass"] = np.full(len(out["pos"]), ratio * mass)
         return out | {"pos": out["pos"][:, None], "vel": out["vel"][:, None]}
 
-    out = {"gas": tube(scene.gas.particles, 1.0, 0.0)}
+    out = {"gas": make_species(scene.gas.particles, 1.0, 0.0)}
     if scene.dust is not None:
-        out["dust"] = populations(scene, lambda dust: tube(dust.particles, dust.ratio, dust.offset))
+        out["dust"] = make_populations(scene, lambda dust: make_species(dust.particles, dust.ratio, dust.offset))
     return out
 
 
-def cells(scene: Scene, x: Array, dx: float) -> tuple[Array, Arrays, Array | None]:
-    """Return density, velocities and u, averaged over grid cells; the cell at x = 0 may contain both states."""
+def cell_values(scene: Scene, x: Array, dx: float) -> tuple[Array, Arrays, Array | None]:
+    """Return density, velocities and u, averaged over the grid cells; a cell at x = 0 may contain both states."""
     left, right = scene.initial.left, scene.initial.right
     share = np.clip(0.5 - x / dx, 0.0, 1.0)
     density = share * left[0] + (1.0 - share) * right[0]
@@ -93,21 +94,25 @@ def cells(scene: Scene, x: Array, dx: float) -> tuple[Array, Arrays, Array | Non
     return density, {"gas": vel, "dust": vel}, u
 
 
-def places(scene: Scene) -> Places:
+def sample_points(scene: Scene) -> SamplePoints:
     left, right = scene.initial.left, scene.initial.right
-    return Places(["left", "right"], np.array([left[0], right[0]]), pressure=np.array([left[1], right[1]]))
+    return SamplePoints(["left", "right"], np.array([left[0], right[0]]), pressure=np.array([left[1], right[1]]))
 
 
-def mass(scene: Scene, population: Any) -> float:
+def region_mass(scene: Scene, population: Any) -> float:
     return (scene.initial.left[0] + scene.initial.right[0]) * scene.space.size[0] / 2
 
 
-def spread(scene: Scene) -> tuple[Places, Array]:
-    found = places(scene)
-    return found, found.density
+def sample_all_gas(scene: Scene) -> tuple[SamplePoints, Array]:
+    points = sample_points(scene)
+    return points, points.density
 
 
 def measure(scene: Scene) -> ErrorMeasure | None:
+    """Return the `ErrorMeasure` of particle velocities; None if the scene has no exact solution.
+
+    An exact solution needs gas with an energy equation. With dust, it needs one population and two-way drag.
+    """
     if scene.gas is None or not eos_of(scene).holds_heat or len(scene.dust or ()) > 1:
         return None
     if scene.dust and (scene.drag is None or scene.drag.direction == "one-way"):
@@ -125,7 +130,7 @@ def measure(scene: Scene) -> ErrorMeasure | None:
     return ErrorMeasure(f"particle velocities compared with the exact shock tube{limit}", velocity_errors(exact))
 
 
-def curves(scene: Scene, time: float, x: Array) -> dict[str, Curve]:
+def exact_curves(scene: Scene, time: float, x: Array) -> dict[str, Curve]:
     start = scene.initial
     if not eos_of(scene).holds_heat or time == 0.0 or scene.drag is not None or scene.dust:
         return {}
@@ -138,14 +143,14 @@ def curves(scene: Scene, time: float, x: Array) -> dict[str, Curve]:
 START = Start(
     Shock,
     particles,
-    places,
-    cells=cells,
+    sample_points,
+    cell_values=cell_values,
     dimensions=(1,),
     boundary="open",
     eos=("adiabatic", "isothermal"),
-    brings_pressure=True,
-    masses=mass,
-    spread=spread,
+    sets_pressure=True,
+    region_mass=region_mass,
+    samples_of_all_gas=sample_all_gas,
     measure=measure,
-    curves=curves,
+    exact_curves=exact_curves,
 )

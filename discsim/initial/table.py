@@ -1,25 +1,23 @@
-"""table: a disc whose Sigma(r) and, optionally, T(r), dust-to-gas ratio and resolution are columns of a file
-(`scene/columns.py`).
+"""table: a disc whose Sigma(r) is a column of a file (`scene/columns.py`).
 
-Particles are on rings (`rings.py`) from the first to the last radius of the file. The number of gas particles per mass
-is proportional to the column resolution. Particles rotate in balance (`balance.py`) with the pressure force
--(1/Sigma) dP/dr = -(c_s^2 / r) d ln P / d ln r, from the interpolated columns.
+T(r), dust-to-gas ratio and resolution may be further columns. Particles are on rings (`rings.py`) from the first to the
+last radius of the file. The number of gas particles per mass is proportional to the column resolution. Velocities
+balance the forces (`balance.py`). The pressure force is -(1/Sigma) dP/dr = -(c_s^2 / r) d ln P / d ln r, from the
+interpolated columns.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import partial
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
 
-from discsim.initial import balance, rings
-from discsim.initial.base import Places, Start
-from discsim.initial.disc import has_dust_within, has_edges_in_space, needs_a_centre
-from discsim.initial.disc import warnings as room
-from discsim.initial.own import MAX_MASS_RATIO
+from discsim.initial import balance, disc
+from discsim.initial.base import Array, SamplePoints
+from discsim.initial.user_arrays import MAX_MASS_RATIO
 from discsim.parts import EOS
 from discsim.physics import profile
 from discsim.physics.centre import kepler_omega
@@ -31,11 +29,10 @@ if TYPE_CHECKING:
     from discsim.scene import Scene
     from discsim.scene.rules import Draft, Problem
 
-Array = np.ndarray
-MAX_DIFFERENCE = 0.05  # a warning is given if the sound speeds of table and gas.eos differ by more than this fraction
+MAX_DIFFERENCE = 0.05  # a warning is given if H/r from the column T differs from that of gas.eos by a larger fraction
 
 
-class FromTable(balance.Settled):
+class TableDisc(balance.BalanceKeys):
     """A disc whose Sigma(r), T(r) and dust-to-gas ratio are columns of a file."""
 
     kind: Literal["table"] = "table"
@@ -49,6 +46,9 @@ class FromTable(balance.Settled):
         1.0, gt=0, description="radius of quoted orbital periods, and of the Sigma_ref of drag laws"
     )
 
+    inner_taper: ClassVar[float] = 0.0
+    outer_taper: ClassVar[float] = 0.0
+
     @property
     def inner(self) -> float:
         return self.file.inner
@@ -58,14 +58,8 @@ class FromTable(balance.Settled):
         return self.file.outer
 
     @property
-    def brings_temperature(self) -> bool:
+    def sets_temperature(self) -> bool:
         return self.file.has("T")
-
-    @property
-    def inner_taper(self) -> float:
-        return 0.0
-
-    outer_taper = inner_taper
 
 
 def thermal_speed(scene: Scene, r: Array) -> Array | None:
@@ -77,6 +71,7 @@ def thermal_speed(scene: Scene, r: Array) -> Array | None:
 
 
 def radial(scene: Scene) -> profile.Radial:
+    """Return the radial profiles of the disc, interpolated in the columns of the file."""
     file: Any = scene.initial.file
 
     def surface_density(r: Array) -> Array:
@@ -86,7 +81,7 @@ def radial(scene: Scene) -> profile.Radial:
         speed2 = profile.sound_speed(scene, r, file.value("Sigma", r)) ** 2
         cooler = -file.slope("T", r) if file.has("T") else eos_of(scene).temperature_slope(scene.gas.eos)
         out = speed2 / r * (cooler - file.slope("Sigma", r))
-        # As in a taper: no rotation balances a decline of Sigma over a length below H = c_s / Omega.
+        # No rotation balances a decline of Sigma over a length below H = c_s / Omega. The bound is that of a taper.
         steepest = np.sqrt(speed2) * kepler_omega(scene, r) if scene.star else np.inf
         return np.clip(out, -steepest, steepest)
 
@@ -105,38 +100,41 @@ def radial(scene: Scene) -> profile.Radial:
 
 
 def reference_density(scene: Scene) -> float:
+    """Return Sigma at `initial.reference_radius`, from the file."""
     start: Any = scene.initial
     return float(start.file.value("Sigma", np.array([start.reference_radius]))[0])
 
 
-def places(scene: Scene) -> Places:
-    """Return the gas at both edges and in the middle of the disc."""
+def sample_points(scene: Scene) -> SamplePoints:
+    """Return sample points at both edges and in the middle of the disc."""
     file: Any = scene.initial.file
     radius = np.array([file.inner, 0.5 * (file.inner + file.outer), file.outer])
     names = [scene.units.show(r, "length") for r in radius]
-    return Places(names, file.value("Sigma", radius), radius, relative_mass=relative_mass(scene, radius))
+    return SamplePoints(names, file.value("Sigma", radius), radius, relative_mass=relative_mass(scene, radius))
 
 
-def spread(scene: Scene) -> tuple[Places, Array]:
+def sample_all_gas(scene: Scene) -> tuple[SamplePoints, Array]:
+    """Return sample points at radii from edge to edge, and relative gas masses r Sigma (n,)."""
     file: Any = scene.initial.file
     r = np.linspace(file.inner, file.outer, profile.SAMPLES)
     density = file.value("Sigma", r)
-    return Places([], density, r, relative_mass=relative_mass(scene, r)), r * density
+    return SamplePoints([], density, r, relative_mass=relative_mass(scene, r)), r * density
 
 
 def relative_mass(scene: Scene, r: Array) -> Array | None:
-    """Return the mass of a gas particle at radii (n,) over the mean mass; None if all masses are equal."""
-    disc = radial(scene)
-    if disc.resolution is None:
+    """Return the mass of a gas particle at the radii r (n,), divided by the mean mass; None if all masses are equal."""
+    profiles = radial(scene)
+    if profiles.resolution is None:
         return None
-    at = np.linspace(disc.inner, disc.outer, profile.SAMPLES)
-    density = disc.surface_density(at)
-    number = profile.integral(at, density * disc.resolution(at))[-1]
-    return number / profile.integral(at, density)[-1] / disc.resolution(r)
+    at = np.linspace(profiles.inner, profiles.outer, profile.SAMPLES)
+    density = profiles.surface_density(at)
+    number = profile.integral(at, density * profiles.resolution(at))[-1]
+    return number / profile.integral(at, density)[-1] / profiles.resolution(r)
 
 
 def warnings(scene: Scene) -> Iterator[str]:
-    yield from room(scene)
+    """Yield the warnings of a disc, and one if the column T contradicts `gas.eos.aspect_ratio`."""
+    yield from disc.warnings(scene)
     file, gas = scene.initial.file, scene.gas
     if gas is None or not file.has("T") or getattr(gas.eos, "aspect_ratio", None) is None or scene.star is None:
         return
@@ -147,12 +145,13 @@ def warnings(scene: Scene) -> Iterator[str]:
     if abs(ratio[worst] - 1.0) > MAX_DIFFERENCE:
         yield (
             f"T of initial.file makes H/r {ratio[worst]:.3g} times that of gas.eos at "
-            f"{scene.units.show(r[worst], 'length')}, and T is used: leave the column out, or adapt gas.eos"
+            f"{scene.units.show(r[worst], 'length')}, and the run uses T: leave the column T out, or change gas.eos"
         )
 
 
-def uses_temperature(draft: Draft) -> Iterator[Problem]:
-    if not draft.initial.brings_temperature or not draft.gas:
+def temperature_column_problems(draft: Draft) -> Iterator[Problem]:
+    """Yield a problem if the file has a column T, but the equation of state does not use it."""
+    if not draft.initial.sets_temperature or not draft.gas:
         return
     kinds = [name for name in EOS if EOS[name].takes_temperature]
     if draft.eos_kind not in kinds:
@@ -161,19 +160,19 @@ def uses_temperature(draft: Draft) -> Iterator[Problem]:
         yield ("initial", "file"), f"{wrong}; expected gas.eos.kind = {words}, or no column T"
 
 
-def has_summable_masses(draft: Draft) -> Iterator[Problem]:
+def resolution_column_problems(draft: Draft) -> Iterator[Problem]:
+    """Yield a problem if masses of gas particles would differ by more than the factor MAX_MASS_RATIO."""
     file = draft.initial.file
     if draft.gas and file.has("resolution"):
         times = file.values["resolution"].max() / file.values["resolution"].min()
         if times > MAX_MASS_RATIO:
             wrong = f"the column resolution varies by a factor of {times:.3g}"
-            yield (
-                ("initial", "file"),
-                f"{wrong}; expected a factor of at most {MAX_MASS_RATIO:g}, for accurate SPH sums",
-            )
+            need = f"expected a factor of at most {MAX_MASS_RATIO:g}, for accurate SPH sums"
+            yield ("initial", "file"), f"{wrong}; {need}"
 
 
-def has_dust_ratio(draft: Draft) -> Iterator[Problem]:
+def ratio_column_problems(draft: Draft) -> Iterator[Problem]:
+    """Yield a problem for each dust population that would have no mass by the column ratio."""
     for i, dust in enumerate(draft.dust or ()):
         inner = max(dust.inner or 0.0, draft.initial.inner)
         outer = min(dust.outer or np.inf, draft.initial.outer)
@@ -182,30 +181,21 @@ def has_dust_ratio(draft: Draft) -> Iterator[Problem]:
             yield ("dust", i), "the column ratio is 0 everywhere between the edges of this dust; expected more than 0"
 
 
-START = Start(
-    FromTable,
-    rings.particles,
-    places,
-    radial=radial,
-    settle=balance.settle,
-    faults=balance.faults,
+START = disc.disc_start(
+    TableDisc,
+    sample_points,
+    radial,
     thermal_speed=thermal_speed,
-    dimensions=(2,),
-    boundary="open",
     rules=(
-        has_edges_in_space,
-        needs_a_centre,
-        has_dust_within,
-        uses_temperature,
-        has_dust_ratio,
-        has_summable_masses,
-        balance.relaxes_gas,
+        disc.edge_problems,
+        disc.centre_problems,
+        disc.dust_edge_problems,
+        temperature_column_problems,
+        ratio_column_problems,
+        resolution_column_problems,
+        balance.relaxation_problems,
     ),
-    kernel="wendland-c2",
-    masses=rings.mass,
-    spread=spread,
-    on_lattice=False,
-    edges=rings.edges,
+    samples_of_all_gas=sample_all_gas,
     reference_density=reference_density,
     warnings=warnings,
 )

@@ -1,7 +1,7 @@
-"""viscous-ring: the ring of Lynden-Bell & Pringle (1974) at a viscous time tau = 12 nu t / R^2.
+"""viscous-ring: the spreading ring of Lynden-Bell & Pringle (1974) at a viscous time tau = 12 nu t / R^2.
 
-R: initial radius of the ring. Gas rotates in balance with the forces (`balance.py`), and its radial velocity is the
-flow that viscosity drives. If nu is uniform, the exact solution is that of `exact/spreading_ring.py`.
+R: radius of the infinitely narrow ring at tau = 0. Gas rotates in balance with the forces (`balance.py`), and viscosity
+drives its radial velocity. If nu is uniform, `exact/spreading_ring.py` has the exact solution.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ import numpy as np
 from pydantic import Field
 
 from discsim.exact import spreading_ring
-from discsim.initial import balance, disc, rings
-from discsim.initial.base import Array, Curve, Places, Start
+from discsim.initial import balance, disc
+from discsim.initial.base import Array, Curve, SamplePoints
 from discsim.initial.measure import ErrorMeasure, Simulated
 from discsim.physics import profile, viscosity
 from discsim.scene.fields import Length, Mass, Number
@@ -23,12 +23,12 @@ if TYPE_CHECKING:
     from discsim.scene import Scene
     from discsim.scene.rules import Draft, Problem
 
-MIN_RELATIVE_DENSITY = 1e-5  # Sigma over its maximum below which the ring is cut off
-MAX_VARIATION = 1e-6  # largest relative variation of a nu that counts as uniform
+MIN_RELATIVE_DENSITY = 1e-5  # Sigma over its maximum at which the edges of the ring are cut off
+MAX_VARIATION = 1e-6  # largest relative variation of nu that counts as uniform
 ERROR_BINS = 40  # number of radial bins in the error measure
 
 
-class ViscousRing(balance.Settled):
+class ViscousRing(balance.BalanceKeys):
     """The ring of Lynden-Bell & Pringle, spread by a viscosity."""
 
     kind: Literal["viscous-ring"] = "viscous-ring"
@@ -59,7 +59,7 @@ class ViscousRing(balance.Settled):
 
 
 def radial(scene: Scene) -> profile.Radial:
-    """Return the ring at t = 0 as functions of radius."""
+    """Return the radial profiles of the ring at t = 0."""
     start: Any = scene.initial
     inner, outer = start.inner, start.outer
 
@@ -70,16 +70,16 @@ def radial(scene: Scene) -> profile.Radial:
     return profile.disc_of_density(scene, inner, outer, surface_density)
 
 
-def places(scene: Scene) -> Places:
-    """Return the gas at the ring's radius, and on both sides where Sigma is about half as large."""
+def sample_points(scene: Scene) -> SamplePoints:
+    """Return sample points at the ring's radius, and on both sides of it where Sigma is about half as large."""
     start: Any = scene.initial
     radius = start.radius * np.clip(1.0 + np.array([-0.8, 0.0, 0.8]) * start.tau**0.5, 0.2, None)
     names = [scene.units.show(r, "length") for r in radius]
-    return Places(names, profile.radial(scene).surface_density(radius), radius)
+    return SamplePoints(names, profile.radial(scene).surface_density(radius), radius)
 
 
-def uniform_nu(scene: Scene) -> float | None:
-    """Return the viscosity nu of the ring if it is uniform in space and constant in time, else None."""
+def uniform_viscosity(scene: Scene) -> float | None:
+    """Return the viscosity nu if it is uniform in space and constant in time, else None."""
     start: Any = scene.initial
     keys, gas = scene.table("alpha_viscosity"), scene.gas
     if keys.nu is None and (gas is None or gas.eos.kind == "adiabatic"):
@@ -88,12 +88,14 @@ def uniform_nu(scene: Scene) -> float | None:
     return float(nu.mean()) if np.ptp(nu) <= MAX_VARIATION * nu.mean() else None
 
 
-def _tau(scene: Scene, time: float, nu: float) -> float:
+def _viscous_time(scene: Scene, time: float, nu: float) -> float:
+    """Return the viscous time tau of the ring at `time`."""
     return float(scene.initial.tau + 12.0 * nu * time / scene.initial.radius**2)
 
 
 def measure(scene: Scene) -> ErrorMeasure | None:
-    nu = uniform_nu(scene)
+    """Return the `ErrorMeasure` of Sigma, if nu is uniform and the scene has no dust, else None."""
+    nu = uniform_viscosity(scene)
     if nu is None or scene.dust:
         return None
 
@@ -103,59 +105,52 @@ def measure(scene: Scene) -> ErrorMeasure | None:
         edges = np.linspace(0.2, 2.0, ERROR_BINS + 1) * start.radius
         found, _ = np.histogram(r, edges, weights=sim.gas.mass)
         fine = np.linspace(edges[0], edges[-1], 50 * ERROR_BINS + 1)
-        sigma = spreading_ring.surface_density(fine, _tau(scene, sim.time, nu), start.mass, start.radius)
+        sigma = spreading_ring.surface_density(fine, _viscous_time(scene, sim.time, nu), start.mass, start.radius)
         mass = np.pi * np.diff(fine**2) * 0.5 * (sigma[1:] + sigma[:-1])
-        wanted = mass.reshape(ERROR_BINS, -1).sum(axis=1)
-        return {"gas": float(np.abs(found - wanted).sum() / wanted.sum())}
+        exact = mass.reshape(ERROR_BINS, -1).sum(axis=1)
+        return {"gas": float(np.abs(found - exact).sum() / exact.sum())}
 
     return ErrorMeasure("fraction of the gas mass displaced relative to the exact solution", errors)
 
 
-def curves(scene: Scene, time: float, r: Array) -> dict[str, Curve]:
-    nu = uniform_nu(scene)
+def exact_curves(scene: Scene, time: float, r: Array) -> dict[str, Curve]:
+    """Return the exact Sigma and radial velocity of the gas, if nu is uniform and the scene has no dust, else {}."""
+    nu = uniform_viscosity(scene)
     if nu is None or scene.dust:
         return {}
     start: Any = scene.initial
-    r, tau = r[r > 0.0], _tau(scene, time, nu)
+    r, tau = r[r > 0.0], _viscous_time(scene, time, nu)
     sigma = spreading_ring.surface_density(r, tau, start.mass, start.radius)
     return {"gas": (r, sigma, spreading_ring.radial_velocity(r, tau, nu, start.radius))}
 
 
-def needs_a_viscosity(draft: Draft) -> Iterator[Problem]:
-    for table, why in (("alpha_viscosity", "viscosity"), ("star", "a star")):
+def viscosity_problems(draft: Draft) -> Iterator[Problem]:
+    """Yield a problem if [alpha_viscosity] or [star] is absent."""
+    for table, need in (("alpha_viscosity", "viscosity"), ("star", "a star")):
         if not draft.has(table):
-            yield ("initial", "kind"), f"a {draft.kind} needs {why}; expected a table [{table}] too"
+            yield ("initial", "kind"), f"a {draft.kind} needs {need}; add a table [{table}]"
 
 
 def warnings(scene: Scene) -> Iterator[str]:
+    """Yield the warnings of a disc, and one if nu is not uniform."""
     yield from disc.warnings(scene)
-    if uniform_nu(scene) is None:
+    if uniform_viscosity(scene) is None:
         yield (
-            "nu is not uniform, so this ring has no known exact solution: give alpha_viscosity.nu, "
-            "or an alpha_viscosity.index of (temperature index) - 1.5"
+            "nu is not uniform in space and constant in time, so this ring has no known exact solution: give "
+            "alpha_viscosity.nu, or an alpha_viscosity.index of (temperature index) - 1.5"
         )
 
 
-START = Start(
+START = disc.disc_start(
     ViscousRing,
-    rings.particles,
-    places,
-    radial=radial,
-    settle=balance.settle,
-    faults=balance.faults,
-    dimensions=(2,),
-    boundary="open",
+    sample_points,
+    radial,
     eos=("isothermal", "locally-isothermal", "adiabatic"),
-    rules=(needs_a_viscosity, disc.has_edges_in_space, disc.has_dust_within, balance.relaxes_gas),
-    kernel="wendland-c2",
-    masses=rings.mass,
-    spread=disc.spread,
-    on_lattice=False,
-    edges=rings.edges,
+    rules=(viscosity_problems, disc.edge_problems, disc.dust_edge_problems, balance.relaxation_problems),
     reference_density=lambda scene: float(profile.radial(scene).surface_density(np.array([scene.initial.radius]))[0]),
     warnings=warnings,
     measure=measure,
-    exact_with=("star", "alpha_viscosity"),
-    curves=curves,
-    around="radial",
+    exact_effects=("star", "alpha_viscosity"),
+    exact_curves=exact_curves,
+    figure_velocity="radial",
 )

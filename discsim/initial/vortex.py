@@ -8,8 +8,8 @@ import numpy as np
 from pydantic import Field
 
 from discsim.exact import gresho
-from discsim.initial.base import Array, Arrays, Curve, Places, Start
-from discsim.initial.lattice import everywhere, uniform
+from discsim.initial.base import Array, Arrays, Curve, SamplePoints, Start
+from discsim.initial.lattice import sample_uniform_gas, uniform_particles
 from discsim.initial.measure import ErrorMeasure, Simulated
 from discsim.scene.fields import Density, Length, Table, Velocity, VelocityVector
 
@@ -31,7 +31,7 @@ class Vortex(Table):
 
 def particles(scene: Scene) -> dict[str, Arrays]:
     start = scene.initial
-    out = uniform(scene, start.density)
+    out = uniform_particles(scene, start.density)
     for arrays in out.values():
         away, r = _about_middle(scene, arrays["pos"])
         turn = gresho.speed(r, start.speed, start.radius) / r
@@ -43,17 +43,18 @@ def particles(scene: Scene) -> dict[str, Arrays]:
 
 
 def _about_middle(scene: Scene, pos: Array) -> tuple[Array, Array]:
-    """Return positions (n, 2) relative to the middle of the box, and distances (n,) > 0 from the middle."""
+    """Return the positions `pos` (n, 2) relative to the middle of the box, and their distances (n,) > 0 from it."""
     away = pos - 0.5 * np.array(scene.space.size)
     return away, np.maximum(np.sqrt((away**2).sum(axis=1)), 1e-300)
 
 
-def places(scene: Scene) -> Places:
+def sample_points(scene: Scene) -> SamplePoints:
     start = scene.initial
-    return everywhere(start.density, gresho.pressure(np.zeros(1), start.density, start.speed, start.radius))
+    return sample_uniform_gas(start.density, gresho.pressure(np.zeros(1), start.density, start.speed, start.radius))
 
 
 def measure(scene: Scene) -> ErrorMeasure | None:
+    """Return the `ErrorMeasure` of the azimuthal velocity; None with dust, for which no exact solution is known."""
     if scene.dust:
         return None
 
@@ -70,7 +71,7 @@ def measure(scene: Scene) -> ErrorMeasure | None:
     return ErrorMeasure("mean azimuthal velocity in the vortex compared with the exact one", errors)
 
 
-def curves(scene: Scene, time: float, r: Array) -> dict[str, Curve]:
+def exact_curves(scene: Scene, time: float, r: Array) -> dict[str, Curve]:
     start = scene.initial
     if scene.dust:
         return {}
@@ -80,12 +81,12 @@ def curves(scene: Scene, time: float, r: Array) -> dict[str, Curve]:
 START = Start(
     Vortex,
     particles,
-    places,
+    sample_points,
     dimensions=(2,),
     eos=("adiabatic",),
-    brings_pressure=True,
-    reach=("radius", 2.0),
+    sets_pressure=True,
+    min_half_side=("radius", 2.0),
     measure=measure,
-    curves=curves,
-    around="azimuthal",
+    exact_curves=exact_curves,
+    figure_velocity="azimuthal",
 )

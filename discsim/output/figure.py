@@ -69,13 +69,13 @@ def _velocity_component(snap: Snapshot) -> str | None:
     None if the start of the run defines none, because the middle of the box is not its centre.
     """
     start = start_of(snap)
-    return start.around if start is not None else None
+    return start.figure_velocity if start is not None else None
 
 
 def _exact_curves(snap: Snapshot, x: Array) -> dict[str, Curve]:
     """Return exact curves (position, density, velocity) by species, for x (n,); {} without an exact solution."""
     start = start_of(snap)
-    return start.curves(load_scene(snap.tables), snap.time, x) if start is not None and start.curves else {}
+    return start.exact_curves(load_scene(snap.tables), snap.time, x) if start is not None and start.exact_curves else {}
 
 
 def _figure_2d(snap: Snapshot) -> Figure:

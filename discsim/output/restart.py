@@ -19,9 +19,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 import numpy as np
 from pydantic import BeforeValidator, Field, ValidationInfo
 
-from discsim.initial.base import Places, Start
-from discsim.initial.refine import kept_range, refined, thinned
-from discsim.initial.small import loaded
+from discsim.initial import add_small_dust
+from discsim.initial.base import SamplePoints, Start
+from discsim.initial.refine import refine_particles, thin_particles, thinning_range
 from discsim.parts import Lazy
 from discsim.physics import profile
 from discsim.physics.eos import eos_of
@@ -106,14 +106,14 @@ class FromSnapshot(Table):
     keep_time: bool = Field(False, description="start at the time of the snapshot instead of t = 0")
 
     @property
-    def brings_temperature(self) -> bool:
+    def sets_temperature(self) -> bool:
         return self.file.holds_heat
 
     @property
     def counts(self) -> dict[str, list[int]]:
         """Particle numbers of the gas, and of each dust population, after refining or thinning."""
         gas, dust = [self.file.gas], [*self.file.dust]
-        return {name: [self.refine * len(range(*kept_range(n, self.thin))) for n in numbers]
+        return {name: [self.refine * len(range(*thinning_range(n, self.thin))) for n in numbers]
                 for name, numbers in (("gas", gas), ("dust", dust))}  # fmt: skip
 
 
@@ -135,7 +135,7 @@ def particles(scene: Scene) -> dict[str, dict[str, Array]]:
             for k in range(len(scene.dust or ()) if name == "dust" else 1):
                 rows = np.flatnonzero(_population_of(held) == k)
                 group = {key: values[rows] for key, values in arrays.items()}
-                groups.append(refined(thinned(group, start.thin), start.refine))
+                groups.append(refine_particles(thin_particles(group, start.thin), start.refine))
         out[name] = {key: np.concatenate([group[key] for group in groups]) for key in arrays}
     return out
 
@@ -149,7 +149,7 @@ def _with_mass_of_drag(scene: Scene, snap: Snapshot, gas: dict[str, Array]) -> d
     was = snap.tables["drag"].get("direction") != "one-way"
     if was == growth.small_dust_in_mass(scene):
         return gas
-    return loaded(gas, 1.0 if growth.small_dust_in_mass(scene) else -1.0)
+    return add_small_dust(gas, 1.0 if growth.small_dust_in_mass(scene) else -1.0)
 
 
 def _population_of(held: SnapshotParticles) -> Array:
@@ -245,7 +245,7 @@ def _restore_arrays(state: State) -> None:
         Orbits(scene).set_bodies(state.bodies, 0.0)
 
 
-def under_way(scene: Scene) -> dict[int, ContinuedBody]:
+def moving_bodies(scene: Scene) -> dict[int, ContinuedBody]:
     """Return position, velocity and history of star (0) and companions whose keys are unchanged, by number."""
     snap, before = _snapshot(scene.initial.file), _stored_scene(scene)
     if snap.bodies is None or snap.open_step is None or before is None or snap.units != scene.units:
@@ -288,7 +288,7 @@ def check_snapshot_fits(draft: Draft) -> Iterator[Problem]:
 # Previews
 
 
-def _rings(scene: Scene) -> Places:
+def _rings(scene: Scene) -> SamplePoints:
     """Return rings with about equal particle numbers: mid radii, surface densities and relative particle masses.
 
     The particles are the gas if scene and snapshot have gas, else the dust.
@@ -304,9 +304,9 @@ def _rings(scene: Scene) -> Places:
     filled = (area > 0.0) & (number > 0)
     middle, density = 0.5 * (edges[1:] + edges[:-1])[filled], (number * mean)[filled] / area[filled]
     if np.ptp(arrays["mass"]) == 0.0:
-        return Places([], density, middle)
+        return SamplePoints([], density, middle)
     mass = np.histogram(r, edges, weights=arrays["mass"])[0][filled]
-    return Places([], mass / area[filled], middle, relative_mass=mass / (number[filled] * mean))
+    return SamplePoints([], mass / area[filled], middle, relative_mass=mass / (number[filled] * mean))
 
 
 def _ring_edges(r: Array) -> Array:
@@ -324,7 +324,7 @@ def _ring_edges(r: Array) -> Array:
     return np.concatenate([[inner], between, [1.5 * r[-1] - 0.5 * r[first[-1] - 1]]])
 
 
-def places(scene: Scene) -> Places:
+def sample_points(scene: Scene) -> SamplePoints:
     """Return the rings at 10%, 50% and 90% of the particles of the first species, for the preview."""
     rings = _rings(scene)
     r, relative = rings.radius, rings.relative_mass
@@ -332,10 +332,10 @@ def places(scene: Scene) -> Places:
     chosen = [len(r) // 10, len(r) // 2, -1 - len(r) // 10]
     names = [scene.units.show(x, "length") for x in r[chosen]]
     own = None if relative is None else relative[chosen]
-    return Places(names, rings.density[chosen], r[chosen], relative_mass=own)
+    return SamplePoints(names, rings.density[chosen], r[chosen], relative_mass=own)
 
 
-def spread(scene: Scene) -> tuple[Places, Array]:
+def sample_all_gas(scene: Scene) -> tuple[SamplePoints, Array]:
     """Return all rings of the first species, and their relative particle masses, for the preview."""
     rings = _rings(scene)
     return rings, np.ones_like(rings.density) if rings.relative_mass is None else rings.relative_mass
@@ -384,17 +384,17 @@ def reference_density(scene: Scene) -> float:
 START = Start(
     FromSnapshot,
     particles,
-    places,
+    sample_points,
     dimensions=(2,),
     boundary="open",
     rules=(check_snapshot_fits,),
     kernel="wendland-c2",  # as for the other discs
-    masses=mass,
-    spread=spread,
+    region_mass=mass,
+    samples_of_all_gas=sample_all_gas,
     on_lattice=False,
     edges=edges,
     reference_density=reference_density,
-    begins=start_time,
-    take_up=restore_open_step,
-    under_way=under_way,
+    start_time=start_time,
+    restore=restore_open_step,
+    moving_bodies=moving_bodies,
 )

@@ -90,7 +90,7 @@ def _star_problems(draft: Draft) -> Iterator[Problem]:
 def _temperature_problems(draft: Draft) -> Iterator[Problem]:
     """Yield problems of adiabatic gas with no initial temperature or two."""
     eos = draft.gas.eos
-    is_given = getattr(draft.start, "brings_pressure", False) or getattr(draft.initial, "brings_temperature", False)
+    is_given = getattr(draft.start, "sets_pressure", False) or getattr(draft.initial, "sets_temperature", False)
     if eos.sound_speed is not None and eos.aspect_ratio is not None:
         yield ("gas", "eos", "sound_speed"), "aspect_ratio is also given; expected only one of the two"
     elif eos.sound_speed is None and eos.aspect_ratio is None and draft.start and not is_given:

@@ -182,7 +182,7 @@ def pressure_slopes(scene: Scene, r: Array) -> tuple[Array, Array] | None:
         with np.errstate(divide="ignore", invalid="ignore"):  # the temperature of a polytrope is 0 at its edge
             slope = np.nan_to_num(disc.pressure_acceleration(r) * r / initial_thermal_speed(scene, r, density(r)) ** 2)
     else:
-        rings = start.all_over(scene)[0]
+        rings = start.sample_all_gas(scene)[0]
         if rings.radius is None or len(rings.radius) < MIN_RINGS:
             return None
         log = np.log(rings.radius)

@@ -1,4 +1,4 @@
-"""Estimated errors of a scene with its settings, from measurements of `docs/accuracy.md` and from earlier searches.
+"""Estimated errors of a scene, from the measurements in `docs/accuracy.md` and from earlier runs of `discsim cost`.
 
     pressure    relative error of the mean force, about 0.02 (h / 0.32 H)^2            (`analysis/drift.py`)
     alpha       alpha of artificial viscosity and noise: eq. (5) of
@@ -10,9 +10,9 @@
     drag        relative error of the dust drift with the default scheme, about
                 0.02 (s / H)^7 for cells of side s                                     (`analysis/drift_cells.py`)
 
-h: smoothing length. H: scale height. Each figure is from one ring or disc at full resolution, and gives the order of
-magnitude for other scenes. `discsim cost --error` stores the errors of its runs (`store_error`). They are shown for
-scenes with the same values of all keys that affect the result.
+h: smoothing length. H: scale height. Each formula is fitted to one ring or disc at full resolution, and gives the
+order of magnitude for other scenes. `discsim cost --error` stores the errors of its runs (`store_error`). These errors
+are shown for scenes with the same values of all keys that affect the result.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from discsim.parts import USUAL_SCHEME, Lazy
 from discsim.physics import viscosity
 from discsim.physics.local import GasSamples
 from discsim.preview import stored_runs
-from discsim.preview.derived import drag_cell_sides, local
+from discsim.preview.derived import drag_cell_sides, gas_at_start
 from discsim.scene import Scene
 from discsim.scene.differences import FREE_TO_CHANGE
 
@@ -39,29 +39,37 @@ self_gravity = Lazy("discsim.effects.self_gravity")
 MAX_STORED = 300  # largest number of stored errors
 
 
-def accuracy(scene: Scene) -> list[tuple[str, str]]:
+def accuracy_rows(scene: Scene) -> list[tuple[str, str]]:
     """Return a row (name, value as text) for each estimated error of the scene."""
     if scene.initial is None:
         return []
-    at = local(scene)
     with np.errstate(all="ignore"):  # infinities are shown as they are
-        rows = _measured_rows(scene), _disc_rows(scene, at), _gravity_rows(scene, at), _precision_rows(scene)
-        return [row for some in (*rows, _exact_rows(scene)) for row in some]
+        return list(_rows(scene, gas_at_start(scene)))
 
 
-def _measured_rows(scene: Scene) -> Iterator[tuple[str, str]]:
-    """Yield a row (name, value as text) for each stored error of a run with the same settings."""
-    for known in _stored_errors():
-        if known["scene"] == digest(scene):
-            error, cpu = 100.0 * known["error"], known["cpu"]
-            yield f"measured error ({known['measure']})", f"{error:.2g}%, in {cpu:.3g} s of CPU"
+def _rows(scene: Scene, at: GasSamples) -> Iterator[tuple[str, str]]:
+    """Yield the rows of `accuracy`: stored errors of runs with the same settings, then estimates."""
+    for run in _stored_errors():
+        if run["scene"] == digest(scene):
+            error, cpu = 100.0 * run["error"], run["cpu"]
+            yield f"measured error ({run['measure']})", f"{error:.2g}%, in {cpu:.3g} s of CPU"
+    yield from _disc_rows(scene, at)
+    if scene.self_gravity is not None and at.cell and scene.space.dimensions == 2:
+        length = self_gravity.kernel_length(scene)
+        yield "error of self-gravity, up to", f"{0.003 * (2.0 * at.cell / length) ** 2:.1g} of the force, from the grid"
+    if scene.gas is not None and scene.gas.precision == "single":
+        yield "error of gas forces, about", "3e-7 of their rms, from single precision; too large only for weak waves"
+    start = start_of(scene)
+    if start.measure is not None and not set(scene.named) - {"gas", "dust", "drag", *start.exact_effects}:
+        yield "exact solution", "may exist; discsim cost SCENE --error 1% compares with it"
 
 
 def _disc_rows(scene: Scene, at: GasSamples) -> Iterator[tuple[str, str]]:
+    """Yield the estimates for a disc with gas particles, from the properties `at` of its gas."""
     if at.scale_height is None or at.resolution is None or scene.gas is None or at.omega is None:
         return
-    by_mass, below = at.by_mass()
-    ratio = float(np.interp(0.5, below, by_mass))
+    ratios, fractions = at.by_mass()
+    ratio = float(np.interp(0.5, fractions, ratios))
     yield "median h/H of the gas", f"{ratio:.2g}"
     yield "error of the pressure force, about", f"{0.02 * (ratio / 0.32) ** 2:.1%}"
     numerical_nu = viscosity.artificial_nu(scene, at) + viscosity.noise_nu(scene, at)
@@ -76,40 +84,24 @@ def _disc_rows(scene: Scene, at: GasSamples) -> Iterator[tuple[str, str]]:
 
 
 def _drag_rows(scene: Scene, at: GasSamples) -> Iterator[tuple[str, str]]:
+    """Yield the estimated error of the dust drift, if the drag scheme is the default one."""
     sides = drag_cell_sides(scene, at)
     if sides is None or scene.drag is None or scene.drag.scheme != USUAL_SCHEME:
         return
     widths = sides / at.scale_height
     worst = int(np.argmax(widths))
-    off, where = drift_error(widths[worst]), f"in drag cells of {widths[worst]:.2g} H {at.where(worst)}"
-    if off < 1.0:
-        yield "error of the dust drift, about", f"{off:.1g} at St = 0.01, {where}; smaller for larger St"
+    error, where = drift_error(widths[worst]), f"in drag cells of {widths[worst]:.2g} H {at.where(worst)}"
+    if error < 1.0:
+        yield "error of the dust drift, about", f"{error:.1g} at St = 0.01, {where}; smaller for larger St"
     else:
         yield "error of the dust drift", f"100% or more at St = 0.01, {where}"
 
 
-def _gravity_rows(scene: Scene, at: GasSamples) -> Iterator[tuple[str, str]]:
-    if scene.self_gravity is not None and at.cell and scene.space.dimensions == 2:
-        length = self_gravity.kernel_length(scene)
-        yield "error of self-gravity, up to", f"{0.003 * (2.0 * at.cell / length) ** 2:.1g} of the force, from the grid"
-
-
-def _precision_rows(scene: Scene) -> Iterator[tuple[str, str]]:
-    if scene.gas is not None and scene.gas.precision == "single":
-        yield "error of gas forces, about", "3e-7 of their rms, from single precision; too large only for weak waves"
-
-
-def _exact_rows(scene: Scene) -> Iterator[tuple[str, str]]:
-    start = start_of(scene)
-    if start.measure is not None and not set(scene.named) - {"gas", "dust", "drag", *start.exact_with}:
-        yield "exact solution", "may exist; discsim cost SCENE --error 1% compares with it"
-
-
-# Stored results of searches
+# Stored errors
 
 
 def digest(scene: Scene) -> str:
-    """Return a hash of the keys of a scene on which its result depends, without the random seed."""
+    """Return a hash of all keys of a scene on which its results depend, except the random seed."""
     data: dict[str, Any] = tomllib.loads(scene.text)
     for name in (*FREE_TO_CHANGE, "run.seed"):
         table, _, key = name.rpartition(".")
@@ -119,20 +111,13 @@ def digest(scene: Scene) -> str:
 
 
 def _stored_errors() -> list[dict[str, Any]]:
-    return stored_runs.read_list("errors", _is_entry)
-
-
-def _is_entry(run: dict[str, Any]) -> bool:
-    numbers = (run.get("error"), run.get("cpu"))
-    return (
-        isinstance(run.get("scene"), str)
-        and isinstance(run.get("measure"), str)
-        and all(isinstance(number, int | float) for number in numbers)
-    )
+    """Return the stored errors, each as a dict with the keys scene (a `digest`), measure, error and cpu."""
+    types = {"scene": str, "measure": str, "error": int | float, "cpu": int | float}
+    return stored_runs.read_list("errors", lambda run: all(isinstance(run.get(key), types[key]) for key in types))
 
 
 def store_error(scene: Scene, measure: str, error: float, cpu: float) -> None:
-    """Store the error of a run of the scene for later calls of `accuracy`, if the cache can be written.
+    """Store the error of a run of the scene for later calls of `accuracy`. Do nothing if the cache cannot be written.
 
     measure: name of the error measure. error: relative error. cpu: CPU seconds of the run.
     """

@@ -6,33 +6,37 @@ from collections.abc import Iterator
 from typing import Any
 
 from discsim.effects import effect_classes
-from discsim.preview.accuracy import accuracy
-from discsim.preview.derived import derived
-from discsim.preview.forecast import forecast, known_runs
-from discsim.preview.memory import memory_warnings
+from discsim.preview.accuracy import accuracy_rows
+from discsim.preview.derived import derived_rows
+from discsim.preview.forecast import forecast, memory_warnings, stored_slowness
 from discsim.preview.warnings import warnings
 from discsim.scene import Scene
 from discsim.scene.fields import Table, measure_of
 from discsim.scene.units import Units, clock
 
-DOMINANT_FRACTION = 0.95  # fraction of steps limited by one effect, above which the text does not mention that fraction
+DOMINANT_FRACTION = 0.95  # if one effect limits at least this fraction of the steps, the text leaves the fraction out
+UNKNOWN_ACCURACY = ("nothing", "measure it with: discsim cost SCENE --error 1%")  # row of a scene without estimates
 
 
 def report(scene: Scene) -> str:
     """Return the text that `discsim check` prints for a scene."""
+    tables = {
+        "derived numbers": derived_rows(scene),
+        "forecast": _forecast_rows(scene),
+        "accuracy, estimated": accuracy_rows(scene) or [UNKNOWN_ACCURACY],
+    }
     parts = [
         [scene.title or "(untitled)"],
         ["units", *(f"  {line}" for line in _unit_lines(scene.units))],
         ["effects", *(f"  {name:<18} {keys}" for name, keys in effect_lines(scene))],
-        ["derived numbers", *(f"  {name:<34} {value}" for name, value in derived(scene))],
-        ["forecast", *(f"  {name:<34} {value}" for name, value in _forecast_rows(scene))],
-        ["accuracy, estimated", *(f"  {name:<34} {value}" for name, value in _accuracy_rows(scene))],
+        *([title, *(f"  {name:<34} {value}" for name, value in rows)] for title, rows in tables.items()),
         ["warnings", *(f"  {line}" for line in [*memory_warnings(scene), *warnings(scene)] or ["none"])],
     ]
     return "\n\n".join("\n".join(part) for part in parts)
 
 
 def _forecast_rows(scene: Scene) -> Iterator[tuple[str, str]]:
+    """Yield a row (name, value as text) for each number of the forecast of a run."""
     expected = forecast(scene)
     if expected is None:
         yield "none", "no effect limits the time step"
@@ -41,7 +45,7 @@ def _forecast_rows(scene: Scene) -> Iterator[tuple[str, str]]:
     yield "number of steps, about", f"{float(f'{steps.number:.2g}'):.0f}"
     yield (
         "time step set by",
-        f"{steps.by} {steps.where}".rstrip()
+        f"{steps.limiter} {steps.where}".rstrip()
         + (f", in {steps.share:.0%} of the steps" if steps.share < DOMINANT_FRACTION else ""),
     )
     if scene.space.dimensions == 1:
@@ -51,18 +55,14 @@ def _forecast_rows(scene: Scene) -> Iterator[tuple[str, str]]:
     if expected.relaxation > 0.0:
         yield "CPU time before t = 0, about", clock(expected.relaxation)
     yield "CPU time of the run, about", clock(expected.seconds)
-    known = len(known_runs())
-    runs = f"the last {known} long runs" if known > 1 else "the last long run"
-    yield "CPU times estimated from", f"{runs} on this machine" if known else "stored figures: no long run here yet"
+    count = len(stored_slowness())
+    runs = f"the last {count} long runs" if count > 1 else "the last long run"
+    yield "CPU times estimated from", f"{runs} on this machine" if count else "stored figures: no long run here yet"
     yield "memory, about", f"{float(f'{expected.memory / 2**20:.2g}'):.0f} MiB"
 
 
-def _accuracy_rows(scene: Scene) -> Iterator[tuple[str, str]]:
-    found = accuracy(scene)
-    yield from found or [("nothing", "measure it with: discsim cost SCENE --error 1%")]
-
-
 def _unit_lines(units: Units) -> Iterator[str]:
+    """Yield a line for each unit of the scene, with its value."""
     if units.system == "code":
         yield "code units, G = 1"
         return
@@ -71,7 +71,7 @@ def _unit_lines(units: Units) -> Iterator[str]:
 
 
 def effect_lines(scene: Scene) -> Iterator[tuple[str, str]]:
-    """Yield a row (name, keys with values as text) for each effect of a scene.
+    """Yield a row (name of the effect, its keys with their values as text) for each effect of a scene.
 
     An effect with several tables, such as [[dust]], has a row for each table.
     """
@@ -86,9 +86,9 @@ def effect_lines(scene: Scene) -> Iterator[tuple[str, str]]:
 
 
 def _key_texts(units: Units, table: Table, skip: tuple[str, ...] = ()) -> str:
-    """Return the keys of a table with their values, as text.
+    """Return the keys of `table` with their values, as text.
 
-    An inner table is named by its kind, or by its key if it has no kind. skip: keys to leave out.
+    A table inside this table is named by its kind, or by its key if it has no kind. skip: keys to leave out.
     """
     texts = []
     for key, field in type(table).model_fields.items():
@@ -101,6 +101,10 @@ def _key_texts(units: Units, table: Table, skip: tuple[str, ...] = ()) -> str:
 
 
 def _value_text(units: Units, value: Any, measure: Any, gamma: float) -> str:
+    """Return the value of a key as text, with its unit if the key has a dimension.
+
+    measure: dimension of the key (`scene.fields.Measure`), or None. gamma: exponent that some units depend on.
+    """
     if type(value) is tuple:
         return "[" + ", ".join(_value_text(units, entry, measure, gamma) for entry in value) + "]"
     if isinstance(value, bool):

@@ -3,7 +3,8 @@
     H = c_T / Omega,    Q = c_s Omega / (pi G Sigma),    h = eta (m / Sigma)^(1/d),    St = t_stop Omega
 
 c_s: speed of sound waves. c_T = sqrt(P / Sigma): thermal speed. Omega: frequency of circular orbits about the softened
-star. m: mass of a gas particle. d: dimensions of space. t_stop: stopping time of the dust.
+star. m: mass of a gas particle. d: number of dimensions. t_stop: stopping time of the dust. Q: Toomre Q. St: Stokes
+number.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ import numpy as np
 
 from discsim.effects import effect_classes
 from discsim.initial import lattice, start_of, start_time
-from discsim.initial.base import Places
+from discsim.initial.base import SamplePoints
 from discsim.numerics.layout import MAX_CELL_GROWTH, grid_cells, leaves, side_of_blocks
 from discsim.parts import EOS, LAWS, SCHEMES, Lazy
 from discsim.physics import laws, profile, viscosity
@@ -37,46 +38,48 @@ drag_width = Lazy("discsim.drag.width")
 Array = np.ndarray
 
 
-def local(scene: Scene) -> GasSamples:
-    """Return the properties of the gas at the sample points of the scene's start."""
-    return local_at(scene, start_of(scene).places(scene))
+def gas_at_start(scene: Scene) -> GasSamples:
+    """Return the properties of the initial gas at the few sample points of the scene's start."""
+    return gas_at_points(scene, start_of(scene).sample_points(scene))
 
 
-def local_at(scene: Scene, places: Places) -> GasSamples:
-    """Return the properties of the gas at the sample points `places`.
+def gas_at_points(scene: Scene, points: SamplePoints) -> GasSamples:
+    """Return the properties of the gas at the sample points `points` of a start.
 
-    With [background], densities are those of the prescribed disc.
+    With [background], the densities of `points` are replaced by those of the prescribed disc.
     """
-    if scene.model.given is not None and places.radius is not None:
-        places = replace(places, density=scene.model.given(scene).surface_density(places.radius))
-    radius, density = places.radius, places.density
+    if scene.model.given is not None and points.radius is not None:
+        points = replace(points, density=scene.model.given(scene).surface_density(points.radius))
+    radius, density = points.radius, points.density
     omega = kepler_omega(scene, radius) if scene.star and radius is not None else None
-    sound = _sound_speed(scene, places)
+    sound = _sound_speed(scene, points)
     thermal = None if sound is None else sound / np.sqrt(_adiabatic_index(scene, density))
-    h = _smoothing_lengths(scene, places)
-    fine = None if h is None else resolution(scene, h)
+    h = _smoothing_lengths(scene, points)
+    usual_h = None if h is None else resolution(scene, h)
     step = None if h is None or sound is None else longest_step(scene, h, sound)
     nu = None if h is None else viscosity.diffusivity_at(scene, radius, thermal, h)
     if nu is not None and step is not None:
         step = np.minimum(step, viscosity.longest_step(scene, nu, h))
     particle_mass = gas_mass(scene) / particle_count(scene, scene.gas) if scene.gas else None
-    relative = np.ones_like(density) if places.relative_mass is None else places.relative_mass
-    found = grid(scene)
+    relative = np.ones_like(density) if points.relative_mass is None else points.relative_mass
+    of_grid = grid(scene)
     at = GasSamples(
-        places.names, radius, density, sound, thermal, omega, h, fine, step, partial(_resolution_by_mass, scene),
-        lambda: _drag_cells(scene, at), relative, particle_mass, found[0] if found else None, places.jump,
+        points.names, radius, density, sound, thermal, omega, h, usual_h, step, partial(_resolution_by_mass, scene),
+        lambda: _drag_cells(scene, at), relative, particle_mass, of_grid[0] if of_grid else None, points.jump,
     )  # fmt: skip
     return at
 
 
 def _drag_cells(scene: Scene, at: GasSamples) -> tuple[Array, Array, Array] | None:
+    """Return side, gas particles and dust particles (n,) of drag cells at the points `at`; None without drag cells."""
     side = drag_cell_sides(scene, at)
     return None if side is None else (side, *drag_cell_counts(scene, at, side))
 
 
 def _resolution_by_mass(scene: Scene) -> tuple[Array, Array]:
-    places, weight = start_of(scene).all_over(scene)
-    at = local_at(scene, places)
+    """Return values of h/H (m,) in rising order, and the mass fraction (m,) of the gas with h/H up to each value."""
+    points, weight = start_of(scene).sample_all_gas(scene)
+    at = gas_at_points(scene, points)
     assert at.resolution is not None and at.scale_height is not None
     ratio = at.resolution / at.scale_height
     order = np.argsort(ratio, kind="stable")
@@ -84,85 +87,87 @@ def _resolution_by_mass(scene: Scene) -> tuple[Array, Array]:
 
 
 def gas_mass(scene: Scene) -> float:
-    """Return the total mass of the gas. Without gas: the mass of the virtual gas to which `dust.ratio` refers."""
-    return start_of(scene).mass(scene)
+    """Return the mass of all gas; in a scene without [gas] the mass to which `dust.ratio` refers."""
+    return start_of(scene).gas_mass(scene)
 
 
 def dust_masses(scene: Scene) -> list[float]:
     """Return the total mass of each dust population."""
-    return [dust.ratio * start_of(scene).mass(scene, dust) for dust in scene.dust or ()]
+    return [dust.ratio * start_of(scene).gas_mass(scene, dust) for dust in scene.dust or ()]
 
 
 def stopping_times(scene: Scene, at: GasSamples) -> list[Array]:
-    """Return the stopping times (n,) of each dust population at the sample points `at`.
+    """Return the stopping times (n,) at the sample points `at`, one array for each dust population.
 
-    The list is empty if the scene defines no stopping times.
+    The list is empty if the scene has no drag law.
     """
     return laws.stopping_times(scene, at.density, at.thermal_speed, at.omega)
 
 
-def derived(scene: Scene) -> list[tuple[str, str]]:
-    """Return a row (name, values as text) for each derived number, in units of the scene."""
+def derived_rows(scene: Scene) -> list[tuple[str, str]]:
+    """Return a row (name, values at the sample points as text) for each derived number, in units of the scene."""
     if scene.initial is None:
         return []
-    at = local(scene)
+    at = gas_at_start(scene)
     rows = [*_mass_rows(scene), ("at", ", ".join(at.places))]
     density = "surface density" if scene.space.dimensions == 2 else "density"
-    rows.append((f"{density} of the gas", _quantities_text(scene.units, at.density, "density")))
+    rows.append((f"{density} of the gas", _quantity_texts(scene.units, at.density, "density")))
     if at.sound_speed is not None:
-        rows.append(("sound speed", _quantities_text(scene.units, at.sound_speed, "velocity")))
+        rows.append(("sound speed", _quantity_texts(scene.units, at.sound_speed, "velocity")))
     if scene.model.cells and scene.gas:
         cell = scene.space.size[0] / scene.gas.particles
         rows.append(("fixed grid", f"{scene.gas.particles} cells of {scene.units.show(cell, 'length')}"))
     if at.h is not None:
-        rows.append(("smoothing length h", _quantities_text(scene.units, at.h, "length")))
+        rows.append(("smoothing length h", _quantity_texts(scene.units, at.h, "length")))
     rows += [*_orbit_rows(scene, at), *_drag_rows(scene, at), *_grid_rows(scene)]
     return rows + effect_rows(scene)
 
 
 def effect_rows(scene: Scene) -> list[tuple[str, str]]:
-    """Return a row (name, values as text) for each derived number of an effect; run.log has them too."""
+    """Return a row (name, values as text) for each derived number that an effect reports."""
     if scene.initial is None:
         return []
-    at = local(scene)
+    at = gas_at_start(scene)
     with np.errstate(all="ignore"):  # infinities are shown as they are
         return [row for effect in effect_classes(scene).values() for row in effect.report(scene, at).rows]
 
 
 def _mass_rows(scene: Scene) -> Iterator[tuple[str, str]]:
-    # In 1D "mass" is a column: mass over area.
-    name = "mass" if scene.space.dimensions == 2 else "surface_density"
+    # In 1D masses are masses per area.
+    dimension = "mass" if scene.space.dimensions == 2 else "surface_density"
     if scene.gas:
         mass = gas_mass(scene)
-        yield "mass of the gas", scene.units.show(mass, name)
+        yield "mass of the gas", scene.units.show(mass, dimension)
         if not scene.model.cells:
-            mean = mass / particle_count(scene, scene.gas)
-            yield "mass of a gas particle", _particle_mass_text(scene, mean, name)
+            mean, relative = (
+                mass / particle_count(scene, scene.gas),
+                start_of(scene).sample_all_gas(scene)[0].relative_mass,
+            )
+            ends = [mean] if relative is None else [mean * relative.min(), mean * relative.max()]
+            yield "mass of a gas particle", " to ".join(scene.units.show(end, dimension) for end in ends)
     for i, (dust, mass) in enumerate(zip(scene.dust or (), dust_masses(scene), strict=True)):
         which = f" {i}" if len(scene.dust or ()) > 1 else ""
-        yield f"mass of the dust{which}", scene.units.show(mass, name)
+        yield f"mass of the dust{which}", scene.units.show(mass, dimension)
         if not scene.model.cells:
-            yield f"mass of a dust particle{which}", scene.units.show(mass / particle_count(scene, dust), name)
+            yield f"mass of a dust particle{which}", scene.units.show(mass / particle_count(scene, dust), dimension)
 
 
 def _orbit_rows(scene: Scene, at: GasSamples) -> Iterator[tuple[str, str]]:
     if at.omega is None:
         return
     period = 2 * math.pi / at.omega
-    yield "orbital period", _quantities_text(scene.units, period, "time")
-    yield "number of orbits", _numbers_text((scene.run.until - start_time(scene)) / period)
+    yield "orbital period", _quantity_texts(scene.units, period, "time")
+    yield "number of orbits", _number_texts((scene.run.until - start_time(scene)) / period)
     if at.scale_height is not None and at.sound_speed is not None:
-        yield "H/r", _numbers_text(at.scale_height / at.radius)
+        yield "H/r", _number_texts(at.scale_height / at.radius)
         if at.resolution is not None:
-            yield "h/H", _numbers_text(at.resolution / at.scale_height)
-            yield "Toomre Q", _numbers_text(at.toomre_q)
+            yield "h/H", _number_texts(at.resolution / at.scale_height)
+            yield "Toomre Q", _number_texts(at.toomre_q)
         slopes = profile.pressure_slopes(scene, at.radius)
         names = "headwind eta v_K", "headwind from midplane pressure"
         for name, slope in zip(names, slopes or (), strict=False):
-            yield (
-                name,
-                _quantities_text(scene.units, 0.5 * slope * at.thermal_speed**2 / (at.radius * at.omega), "velocity"),
-            )
+            headwind = 0.5 * slope * at.thermal_speed**2 / (at.radius * at.omega)
+            yield name, _quantity_texts(scene.units, headwind, "velocity")
 
 
 def _drag_rows(scene: Scene, at: GasSamples) -> Iterator[tuple[str, str]]:
@@ -174,15 +179,15 @@ def _drag_rows(scene: Scene, at: GasSamples) -> Iterator[tuple[str, str]]:
             which += " of the mean size"
         if i == 0 and (formula := LAWS[scene.drag.law].formula) is not None:
             yield "formula of the stopping time", formula(scene)
-        yield f"stopping time{which}", _quantities_text(scene.units, time, "time")
+        yield f"stopping time{which}", _quantity_texts(scene.units, time, "time")
         if at.omega is not None:
-            yield f"Stokes number{which}", _numbers_text(time * at.omega)
+            yield f"Stokes number{which}", _number_texts(time * at.omega)
     side = drag_cell_sides(scene, at)
     if side is not None:
         counts = drag_cell_counts(scene, at, side)
-        yield "side of a drag cell", _quantities_text(scene.units, side, "length")
-        yield "gas particles in a drag cell", _numbers_text(counts[0])
-        yield "dust particles in a drag cell", _numbers_text(counts[1])
+        yield "side of a drag cell", _quantity_texts(scene.units, side, "length")
+        yield "gas particles in a drag cell", _number_texts(counts[0])
+        yield "dust particles in a drag cell", _number_texts(counts[1])
 
 
 def _grid_rows(scene: Scene) -> Iterator[tuple[str, str]]:
@@ -199,50 +204,51 @@ def _grid_rows(scene: Scene) -> Iterator[tuple[str, str]]:
 
 
 def grid(scene: Scene) -> tuple[float, tuple[int, ...]] | None:
-    """Return the side of a cell of the grid, and the number of cells along each axis. None: the run has no grid."""
+    """Return the side of a grid cell, and the number of cells along each axis; None if the run has no grid."""
     if not any(effect.role.grid for effect in effect_classes(scene).values()):
         return None
-    first = (scene.gas,) if scene.gas else scene.dust or ()
-    cell, shape = grid_cells(scene, sum(particle_count(scene, species) for species in first))
+    tables = (scene.gas,) if scene.gas else scene.dust or ()
+    cell, shape = grid_cells(scene, sum(particle_count(scene, species) for species in tables))
     return cell, tuple(max(1, number) for number in shape)
 
 
 def grid_bytes(scene: Scene, shape: tuple[int, ...]) -> int:
-    """Return the memory in bytes that all effects together need for a grid of `shape` cells."""
+    """Return the memory in bytes that all effects together need for a grid with `shape` cells along each axis."""
     return sum(effect.grid_bytes(scene, shape) for effect in effect_classes(scene).values())
 
 
 def particle_count(scene: Scene, species: Any) -> int:
     """Return the number of particles that the start makes for `species`, the table of the gas or of a dust population.
 
-    A lattice in 2D has whole rows and columns. Immobile particles beyond the ends of a tube or a layer are not counted.
+    The number can differ from `particles` of this table, because a lattice in 2D has whole rows and columns. Immobile
+    particles beyond the ends of a tube or a layer are not counted.
     """
     on_lattice = species.placement == "even" if hasattr(species, "placement") else True
     if scene.space.dimensions == 1 or not on_lattice or scene.initial is None or not start_of(scene).on_lattice:
         return species.particles
-    return math.prod(lattice.shape(scene.space.size, species.particles))
+    return math.prod(lattice.lattice_shape(scene.space.size, species.particles))
 
 
 def drag_cell_sides(scene: Scene, at: GasSamples) -> Array | None:
-    """Return the sides (n,) of drag cells at the sample points `at` at the start; None if drag has no cells.
+    """Return the sides (n,) of drag cells at the sample points `at`, at the start; None if drag has no cells.
 
     The side of a cell with too few particles is doubled once, if the upper limit of sides allows it. In a run such a
     cell can grow further.
     """
-    found, drag = grid(scene), scene.drag
+    of_grid, drag = grid(scene), scene.drag
     cells: Cells | None = SCHEMES[drag.scheme].cells if drag else None
-    if drag is None or cells is None or not scene.gas or at.h is None or found is None:
+    if drag is None or cells is None or not scene.gas or at.h is None or of_grid is None:
         return None
-    cell, shape = found
-    wanted, width = drag.cell_length, drag_width.Width(scene)
-    if wanted is None:
+    cell, shape = of_grid
+    least_leaf, width = drag.cell_length, drag_width.Width(scene)
+    if least_leaf is None:
         mean, least = _mean_and_min_length(scene, width)
-        wanted = cells.leaf(scene, width.number, lambda: mean, least)
+        least_leaf = cells.leaf(scene, width.number, lambda: mean, least)
     periodic = scene.space.boundary == "periodic"
-    leaf, _ = leaves(width.rounded * wanted, cell, shape, periodic, particle_count(scene, scene.gas))
+    leaf, _ = leaves(width.rounded * least_leaf, cell, shape, periodic, particle_count(scene, scene.gas))
     side = limit = np.full_like(at.h, leaf)
     if width.number:
-        limit = width.number * _limited_lengths(width, at.radius, at.h)
+        limit = width.number * _limit_lengths(width, at.radius, at.h)
         side = side_of_blocks(leaf, cells.share * limit)
     if cells.least is not None:
         counts = drag_cell_counts(scene, at, side)
@@ -252,9 +258,9 @@ def drag_cell_sides(scene: Scene, at: GasSamples) -> Array | None:
 
 
 def drag_cell_counts(scene: Scene, at: GasSamples, side: Array) -> tuple[Array, Array]:
-    """Return the mean numbers (n,) of gas and of dust particles in drag cells at the sample points `at`.
+    """Return the mean numbers (n,) of gas and of dust particles in a drag cell at each of the sample points `at`.
 
-    side (n,): side of the cell at each point.
+    side (n,): side of this cell.
     """
     assert scene.gas is not None
     mass = at.density * side**scene.space.dimensions
@@ -266,38 +272,37 @@ def drag_cell_counts(scene: Scene, at: GasSamples, side: Array) -> tuple[Array, 
     return gas, dust
 
 
-def _is_within(population: Any, at: GasSamples) -> Array | float:
-    """Return 1 at sample points between the inner and outer radius of a population, else 0; 1 without radii."""
-    if at.radius is None:
-        return 1.0
-    return 1.0 * ((at.radius >= (population.inner or 0.0)) & (at.radius <= (population.outer or math.inf)))
+def _is_within(population: Any, at: GasSamples) -> Array | bool:
+    """Return whether each of the sample points `at` is between the edges of the dust population; True without radii."""
+    return at.radius is None or (at.radius >= (population.inner or 0.0)) & (at.radius <= (population.outer or math.inf))
 
 
-def _limited_lengths(width: Width, radius: Array | None, h: Array) -> Array:
-    """Return the smoothing lengths (n,) from which the size of drag cells follows: `h` (n,), limited at each radius.
+def _limit_lengths(width: Width, radius: Array | None, h: Array) -> Array:
+    """Return the smoothing lengths (n,) that set the size of drag cells: `h` (n,), limited by H at each radius (n,).
 
-    Without radii they are not limited.
+    If `radius` is None, `h` is returned unchanged.
     """
     return h if radius is None else width.counted_at(radius, h)
 
 
 def _mean_and_min_length(scene: Scene, width: Width) -> tuple[float, float]:
-    """Return the geometric mean and the minimum of the lengths from `_limited_lengths`, over all gas particles."""
-    places, weight = start_of(scene).all_over(scene)
-    h = _smoothing_lengths(scene, places)
+    """Return geometric mean and minimum, over all gas, of the smoothing lengths that set the size of drag cells."""
+    points, weight = start_of(scene).sample_all_gas(scene)
+    h = _smoothing_lengths(scene, points)
     assert h is not None
-    h = _limited_lengths(width, places.radius, h)
+    h = _limit_lengths(width, points.radius, h)
     return float(np.exp(np.average(np.log(h), weights=weight))), float(h.min())
 
 
-def _sound_speed(scene: Scene, places: Places) -> Array | None:
-    radius, density = places.radius, places.density
+def _sound_speed(scene: Scene, points: SamplePoints) -> Array | None:
+    """Return the speed of sound waves (n,) at the sample points; None with neither [gas] nor [background]."""
+    radius, density = points.radius, points.density
     if scene.model.given is not None and radius is not None:
         return scene.model.given(scene).sound_speed(radius)
     if scene.gas is None:
         return None
-    if places.pressure is not None and eos_of(scene).holds_heat:
-        return np.sqrt(_adiabatic_index(scene, density) * places.pressure / density)
+    if points.pressure is not None and eos_of(scene).holds_heat:
+        return np.sqrt(_adiabatic_index(scene, density) * points.pressure / density)
     return eos_of(scene).start_speed(scene, radius, density)
 
 
@@ -306,30 +311,22 @@ def _adiabatic_index(scene: Scene, density: Array) -> Array | float:
     return EOS[eos.kind].adiabatic_index(eos, density)
 
 
-def _smoothing_lengths(scene: Scene, places: Places) -> Array | None:
+def _smoothing_lengths(scene: Scene, points: SamplePoints) -> Array | None:
+    """Return the smoothing length h (n,) at the sample points; None without gas particles."""
     if scene.gas is None or scene.model.cells:
         return None
     if scene.gas.smoothing_length is not None:
-        return np.full_like(places.density, scene.gas.smoothing_length)
+        return np.full_like(points.density, scene.gas.smoothing_length)
     mass: float | Array = gas_mass(scene) / particle_count(scene, scene.gas)
-    if places.relative_mass is not None:
-        mass = mass * places.relative_mass
-    return scene.gas.eta * (mass / places.density) ** (1 / scene.space.dimensions)
+    if points.relative_mass is not None:
+        mass = mass * points.relative_mass
+    return scene.gas.eta * (mass / points.density) ** (1 / scene.space.dimensions)
 
 
-def _particle_mass_text(scene: Scene, mean: float, name: str) -> str:
-    """Return the mass of a gas particle as text; if masses differ, the smallest and the largest mass.
-
-    mean: mean mass. name: its dimension.
-    """
-    relative = start_of(scene).all_over(scene)[0].relative_mass
-    ends = [mean] if relative is None else [mean * relative.min(), mean * relative.max()]
-    return " to ".join(scene.units.show(mass, name) for mass in ends)
+def _quantity_texts(units: Units, values: Array, dimension: str) -> str:
+    """Return values (n,) of a dimension, like "length", as text with units, separated by commas."""
+    return ", ".join(units.show(float(value), dimension) for value in values)
 
 
-def _quantities_text(units: Units, values: Array, name: str) -> str:
-    return ", ".join(units.show(float(value), name) for value in values)
-
-
-def _numbers_text(values: Array | None) -> str:
+def _number_texts(values: Array | None) -> str:
     return ", ".join(f"{value:.3g}" for value in values) if values is not None else ""

@@ -1,6 +1,6 @@
-"""The reference of effects and keys, generated from module docstrings and from the fields of the table models.
+"""Reference texts of effects and keys, generated from module docstrings and from the fields of the table models.
 
-`python -m discsim.preview.reference` prints the reference of keys as Markdown, for the documentation.
+`python -m discsim.preview.reference` prints the tables of keys as Markdown, for the documentation.
 """
 
 from __future__ import annotations
@@ -28,19 +28,23 @@ COLUMN_WIDTHS = (22, 20, 18, 46)
 
 
 class Section(NamedTuple):
-    """A section of the reference: a table of a scene, or one kind of it, with a row for each key."""
+    """Reference of one table of a scene, or of one kind of this table.
+
+    kind: the kind; "" if the table has no kinds. rows: an entry for each of COLUMNS, for each key.
+    """
 
     table: str
     kind: str
-    about: str
-    rows: list[tuple[str, str, str, str]]  # as COLUMNS
+    description: str
+    rows: list[tuple[str, str, str, str]]
 
 
 def effects_text(name: str | None = None) -> str:
-    """Return the reference of the table `name` as text: for an effect its equations, and all keys.
+    """Return the reference of the table `name` as text: the equations of an effect, and all keys.
 
-    name: by default all effects, and the tables that set up a run.
-    Raises UserError, with the closest valid name, if there is no such table, and PartError.
+    If `name` is None, return all effects, and the tables that set up a run.
+    Raises UserError, with the closest valid name, if there is no such table, and PartError if a part of another package
+    cannot be used.
     """
     if name is None:
         return "\n\n".join([*map(_table_text, EFFECTS), "Tables that set up a run", *map(_table_text, SETUP_TABLES)])
@@ -51,7 +55,7 @@ def effects_text(name: str | None = None) -> str:
 
 
 def _table_text(name: str) -> str:
-    """Return the reference of one table: for an effect its equations, then the keys, and for drag the schemes."""
+    """Return the reference of one table as text: equations of an effect, keys, and the schemes of drag."""
     if name not in EFFECTS:
         return "\n".join([f"[{name}]", *_key_lines(name)])
     effect = EFFECTS[name]
@@ -63,23 +67,23 @@ def scene_markdown() -> str:
     """Return the tables of a scene and their keys as Markdown, for the documentation."""
     lines: list[str] = []
     for name in (*SETUP_TABLES, *EFFECTS):
-        for part in _sections(name, TABLES[name]):
-            heading = f"`[{part.table}]`" + (f" with `kind = {part.kind}`" if part.kind else "")
+        for section in _sections(name, TABLES[name]):
+            heading = f"`[{section.table}]`" + (f" with `kind = {section.kind}`" if section.kind else "")
             lines += [
                 "",
-                f"{'##' if part.table == name else '###'} {heading}",
+                f"{'##' if section.table == name else '###'} {heading}",
                 "",
-                *([part.about, ""] if part.about else []),
+                *([section.description, ""] if section.description else []),
             ]
             lines += [_markdown_row(COLUMNS), _markdown_row("-" * len(COLUMNS))]
-            lines += [_markdown_row((f"`{key}`", *rest)) for key, *rest in part.rows]
+            lines += [_markdown_row((f"`{key}`", *rest)) for key, *rest in section.rows]
     return "\n".join(lines[1:])
 
 
 def docstring(module: str) -> str:
-    """Return the docstring of a module, which contains its equations, without importing the module.
+    """Return the docstring of a module, which has its equations, without importing the module.
 
-    Return "" if there is no Python source.
+    Return "" if the module has no Python source or no docstring.
     """
     found = find_spec(module)
     if found is None or found.origin is None or not found.origin.endswith(".py"):
@@ -87,15 +91,15 @@ def docstring(module: str) -> str:
     return ast.get_docstring(ast.parse(Path(found.origin).read_text(encoding="utf-8"))) or ""
 
 
-def parts(text: str) -> list[str]:
-    """Split a docstring into paragraphs; indented paragraphs are equations. Equation numbers are moved to the left."""
+def paragraphs(text: str) -> list[str]:
+    """Split a docstring into paragraphs, with equation numbers moved to the left. Indented paragraphs are equations."""
     text = re.sub(r" {5,}(\(\d+\w?\))$", r"    \1", text.strip("\n"), flags=re.M)
     return [part for part in re.split(r"\n\s*\n", text) if part.strip()]
 
 
-def pieces(part: str) -> list[str]:
-    """Split a paragraph into alternating pieces of plain text and `code`."""
-    return re.split(r"(`[^`]+`)", part)
+def split_code(paragraph: str) -> list[str]:
+    """Split a paragraph into pieces of plain text and, at odd indices, pieces of code with their backquotes."""
+    return re.split(r"(`[^`]+`)", paragraph)
 
 
 def _scheme_lines() -> Iterator[str]:
@@ -115,12 +119,12 @@ def _markdown_row(entries: Iterable[str]) -> str:
 
 
 def _key_lines(name: str) -> Iterator[str]:
-    for part in _sections(name, TABLES[name]):
-        if part.kind:
-            yield f"  {part.table}.kind = {part.kind}: {part.about}"
-        elif part.about:
-            yield f"  {part.about}" if part.table == name else f"  [{part.table}] {part.about}"
-        for row in part.rows:
+    for section in _sections(name, TABLES[name]):
+        if section.kind:
+            yield f"  {section.table}.kind = {section.kind}: {section.description}"
+        elif section.description:
+            yield f"  {section.description}" if section.table == name else f"  [{section.table}] {section.description}"
+        for row in section.rows:
             yield from _row_lines(row)
 
 
@@ -133,7 +137,10 @@ def _row_lines(row: Iterable[str]) -> Iterator[str]:
 
 
 def _sections(name: str, annotation: Any) -> Iterator[Section]:
-    """Yield a section for the table `name`, one for each of its kinds, and one for each table inside it."""
+    """Yield the sections for the table `name`: one for each of its kinds, each followed by those of tables inside it.
+
+    annotation: type of the table, with one model or several kinds.
+    """
     models = models_in(annotation)
     for model in models:
         kinds = len(models) > 1
@@ -148,18 +155,20 @@ def _sections(name: str, annotation: Any) -> Iterator[Section]:
 
 
 def _table_description(name: str, annotation: Any, model: type[Table]) -> str:
+    """Return the docstring of a table, and how the table is repeated if a scene may have several of them."""
     words = "" if model.__doc__ == Table.__doc__ else model.__doc__ or ""
     several = f" Several: one `[[{name}]]` each." if get_origin(annotation) is tuple else ""
     return words + several
 
 
 def key_row(model: type[Table], key: str) -> tuple[str, str, str, str]:
-    """Return the name of a key, its dimension or choices, its default and its meaning, as text (`COLUMNS`)."""
+    """Return the row of a key: its name, its dimension or choices, its default and its meaning, as text."""
     field = model.model_fields[key]
     return key, _value_description(model, key), _default_description(field), field.description or ""
 
 
 def _value_description(model: type[Table], key: str) -> str:
+    """Return which values a key may have: a dimension, choices or a type."""
     field = model.model_fields[key]
     measure = measure_of(field)
     for entry in field.metadata:

@@ -1,6 +1,6 @@
-"""Lists of measurements from runs, for later calls of `discsim check`: JSON files in the user's cache directory.
+"""Lists of measurements from runs, stored for later calls of `discsim check`: JSON files in the user's cache directory.
 
-The cache is optional: if it is absent or cannot be read or written, lists are empty and nothing is stored.
+If a file is absent or cannot be read, its list is empty. If a file cannot be written, nothing is stored.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from discsim.userfiles import read_text
 MAX_FILE_BYTES = 2**20  # largest size of a file in bytes
 
 
-def read_list(name: str, is_entry: Callable[[Any], bool]) -> list[dict[str, Any]]:
-    """Return the entries of the stored list `name` for which `is_entry` returns True."""
+def read_list(name: str, is_valid: Callable[[Any], bool]) -> list[dict[str, Any]]:
+    """Return the valid entries of the stored list `name`. is_valid: function that checks an entry."""
     try:
         runs = json.loads(read_text(_list_file(name), most=MAX_FILE_BYTES))["runs"]
-        return [run for run in runs if isinstance(run, dict) and is_entry(run)]
+        return [run for run in runs if isinstance(run, dict) and is_valid(run)]
     except (OSError, ValueError, KeyError, TypeError, RuntimeError):
         return []
 
 
 def write_list(name: str, runs: Sequence[dict[str, Any]]) -> None:
-    """Replace the stored list `name` by `runs`, atomically."""
+    """Store `runs` as the list `name`, in place of an earlier one. The file is replaced atomically."""
     try:
         path = _list_file(name)
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -42,5 +42,5 @@ def _list_file(name: str) -> Path:
 
     Raises OSError or RuntimeError if the user has no home directory.
     """
-    place = os.environ.get("XDG_CACHE_HOME") or Path.home().resolve(strict=True) / ".cache"
-    return Path(place) / "discsim" / f"{name}.json"
+    cache = os.environ.get("XDG_CACHE_HOME") or Path.home().resolve(strict=True) / ".cache"
+    return Path(cache) / "discsim" / f"{name}.json"

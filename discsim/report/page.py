@@ -19,8 +19,8 @@ from discsim.output.files import refuse_special, replace_atomically
 from discsim.output.history import read_history
 from discsim.parts import EFFECTS, SCHEMES
 from discsim.preview.check import effect_lines
-from discsim.preview.derived import derived
-from discsim.preview.reference import docstring, parts, pieces
+from discsim.preview.derived import derived_rows
+from discsim.preview.reference import docstring, paragraphs, split_code
 from discsim.printable import UserError, printable, printable_lines
 from discsim.report import figures
 from discsim.report.totals import totals
@@ -64,7 +64,7 @@ def write_report(directory: Path, path: Path) -> None:
         totals=found,
         history=figures.history_figures(scene, rows, found),
         effects=list(_effect_sections(scene)),
-        derived=derived(scene) if scene.initial is not None else [],
+        derived=derived_rows(scene) if scene.initial is not None else [],
         costs=_cost_rows(directory / "costs.csv"),
         warnings=_log_warnings(directory / "run.log"),
         scene=read_text(directory / "scene.toml"),
@@ -111,7 +111,9 @@ def _effect_sections(scene: Scene) -> Iterator[dict[str, Any]]:
         text = docstring(EFFECTS.module(name))
         if name == "drag":
             text += f"\n\n{docstring(SCHEMES.module(scene.drag.scheme))}"
-        blocks = [(part.startswith(" "), part if part.startswith(" ") else pieces(part)) for part in parts(text)]
+        blocks = [
+            (part.startswith(" "), part if part.startswith(" ") else split_code(part)) for part in paragraphs(text)
+        ]
         yield {"name": name, "keys": keys.get(name, []), "blocks": blocks}
 
 

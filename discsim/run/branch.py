@@ -88,7 +88,7 @@ def _initial_table(path: Path, file: str, refers: bool) -> str:
 def _refuse_lost_temperature(before: Scene, settings: Sequence[str]) -> None:
     """Raise BranchError if the gas temperature came from a table of the initial state, as snapshots do not store it."""
     brings = before.initial is not None and start_of(before).thermal_speed
-    if not brings or before.gas is None or not getattr(before.initial, "brings_temperature", False):
+    if not brings or before.gas is None or not getattr(before.initial, "sets_temperature", False):
         return
     given = any(each.startswith("gas.eos") for each in settings)
     if before.gas.eos.kind == "locally-isothermal" and not given:

@@ -92,12 +92,12 @@ class _Rings:
 
     def __init__(self, state: State, effects: dict[str, Effect]) -> None:
         gas = state.gas
-        self.scene = balance.gas_alone(state.scene)
+        self.scene = balance.gas_only_scene(state.scene)
         arrays = {"pos": gas.pos, "vel": gas.vel, "mass": gas.mass, "u": gas.u, "small": gas.small}
         self.alone = make_state(self.scene, {"gas": {key: a for key, a in arrays.items() if a is not None}})
         self.alone.gas.h[:] = gas.h
         self.sph = type(effects["gas"])(self.scene, self.alone)
-        self.balance = balance.Balance(state, effects)
+        self.balance = balance.Equilibrium(state, effects)
         place = np.sqrt((gas.pos**2).sum(axis=1))
         self.angle = np.arctan2(gas.pos[:, 1], gas.pos[:, 0])
         self.ring = np.concatenate([[0], np.cumsum(np.abs(np.diff(place)) > SAME_RADIUS * place[1:])])

@@ -22,7 +22,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 from discsim.effects.base import Effect
-from discsim.initial import own
+from discsim.initial import user_arrays
 from discsim.numerics.bodies import Bodies
 from discsim.numerics.entries import EntryError
 from discsim.numerics.state import Dust, Gas, State
@@ -37,7 +37,7 @@ from discsim.output.checkpoint import (
     write_checkpoint,
 )
 from discsim.parts import INTEGRATORS, import_object
-from discsim.preview.memory import memory_warnings
+from discsim.preview.forecast import memory_warnings
 from discsim.run import guards
 from discsim.run.costs import Costs
 from discsim.run.forces import PhysicsError, acceleration_of
@@ -91,9 +91,9 @@ class Simulation(Summarised):
     ):
         if not isinstance(scene, Scene):
             scene = load_scene(scene, own_particles=particles is not None)
-        given = None if particles is None else own.read(scene, particles)
+        given = None if particles is None else user_arrays.read_arrays(scene, particles)
         if given is not None:
-            scene = own.counted(scene, given)
+            scene = user_arrays.with_particle_counts(scene, given)
         self.scene = scene
         if faults := list(memory_warnings(scene)):
             raise SceneError(faults)

@@ -9,7 +9,7 @@ import numpy as np
 from discsim.effects import load_effects
 from discsim.effects.base import Effect
 from discsim.initial import make_particles, make_state, start_of
-from discsim.initial.frame import enter_frame, make_bodies
+from discsim.initial.frame import make_bodies, transform_to_run_frame
 from discsim.numerics.state import State
 from discsim.run.relaxation import RelaxationReport, relax
 from discsim.scene import Scene, SceneError
@@ -52,10 +52,10 @@ def _begin(scene: Scene, particles: Given | None, to_restore: bool) -> Begun:
     for effect in effects.values():
         effect.begin(state, effects)
     relaxed = None if own or to_restore else relax(state, effects)
-    enter_frame(state, with_particles=not own)
-    take_up = None if own else start_of(scene).take_up
-    if take_up is not None:
-        take_up(state)
+    transform_to_run_frame(state, with_particles=not own)
+    restore = None if own else start_of(scene).restore
+    if restore is not None:
+        restore(state)
     return Begun(state, effects, relaxed)
 
 

@@ -56,7 +56,7 @@ def _ends_before_errors_grow(state: State, limits: Limits, left: float) -> bool:
     Drag in uniform gas is exact for any step, so tests of drag may use few steps above the limit of stability.
     """
     run = state.scene.run
-    if state.scene.initial is None or not start_of(state.scene).uniform or run.timestep is None:
+    if state.scene.initial is None or not start_of(state.scene).stays_uniform or run.timestep is None:
         return False
     steps = math.ceil((run.until if left == math.inf else state.time + left) / run.timestep - 1e-9)
     # A step of x times the limit multiplies rounding errors by x^2 at most.

@@ -228,8 +228,8 @@ def load_scene(
         raise SceneError([f"{path or 'scene'}: {wrong}; expected UTF-8 text"]) from None
     scene = Scene(**found, text=text, path=path)
     start = None if scene.initial is None else STARTS[scene.initial.kind]
-    if start is not None and start.faults is not None:
-        problems = [message(_as_in_scene(fault, data), origins) for fault in start.faults(scene)]
+    if start is not None and start.problems is not None:
+        problems = [message(_as_in_scene(fault, data), origins) for fault in start.problems(scene)]
         if problems:
             raise SceneError(problems)
     return scene

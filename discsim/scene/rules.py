@@ -194,9 +194,9 @@ def _gas_of_the_start(draft: Draft) -> Iterator[Problem]:
 
 def _size_for_the_start(draft: Draft) -> Iterator[Problem]:
     """Yield a fault if space is too small for the start."""
-    if not draft.space or not draft.start or not draft.start.reach:
+    if not draft.space or not draft.start or not draft.start.min_half_side:
         return
-    key, reach = draft.start.reach
+    key, reach = draft.start.min_half_side
     half = 0.5 * min(draft.space.size)
     length = reach * (getattr(draft.initial, key) or 0.0)
     if length > half * (1 + 1e-9):
@@ -241,7 +241,7 @@ def longest_courant(draft: Draft) -> tuple[float, str]:
     gas, found = draft.gas, (math.inf, "")
     if draft.has("star") and not draft.has("background"):  # in a given disc circular orbits are exact
         found = (COURANT_ORBITS, "orbits about the star are unstable")
-    if gas and not (draft.start and draft.start.uniform):
+    if gas and not (draft.start and draft.start.stays_uniform):
         braked = gas.viscosity is not None and gas.viscosity.acts_in_shear
         kernel, alpha = SMOOTHING[gas.kernel], gas.viscosity.alpha if braked else 0.0
         sound = 2.0 / kernel.fastest[draft.dimensions - 1] * (1.0 + STABILISED * min(1.0, alpha / STABILISING_ALPHA))

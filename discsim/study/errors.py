@@ -26,7 +26,7 @@ def measure_of(scene: Any) -> ErrorMeasure | None:
     if scene.initial is None:
         return None
     start = start_of(scene)
-    if start.measure is None or set(scene.named) - {"gas", "dust", "drag", *start.exact_with}:
+    if start.measure is None or set(scene.named) - {"gas", "dust", "drag", *start.exact_effects}:
         return None
     return start.measure(scene)
 

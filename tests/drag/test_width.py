@@ -6,8 +6,8 @@ import pytest
 from discsim import Simulation, load_scene
 from discsim.drag.width import Width, drift_error, in_lengths
 from discsim.exact import nsh
-from discsim.preview.accuracy import accuracy
-from discsim.preview.derived import drag_cell_sides, local
+from discsim.preview.accuracy import accuracy_rows
+from discsim.preview.derived import drag_cell_sides, gas_at_start
 from discsim.preview.warnings import warnings
 
 C4 = {"kernel": "wendland-c4", "eta": 2.2}
@@ -65,7 +65,7 @@ def test_cells_that_a_scene_gives_stand(drag, number):
 def test_cells_are_no_wider_than_the_scale_height(particles, aspect):
     """s = min(2.7 d, max(.7 H, 2 d)), to the nearest power of two of leaves; what a preview says is what a run has."""
     sim = Simulation(ring(particles, aspect=aspect))
-    at = local(sim.scene)
+    at = gas_at_start(sim.scene)
     told = drag_cell_sides(sim.scene, at)
     for radius, side in zip(at.radius[:2], told[:2], strict=True):
         h = np.median(sim.gas.h[np.abs(np.hypot(*sim.gas.pos.T) - radius) < 0.15])
@@ -141,9 +141,9 @@ def test_accuracy_of_the_drift_is_one_of_cells_over_h():
     """Whatever the kernel and h, as the widest cells of the disc are in H."""
     for gas, cell in ((C4, 2.0), ({"kernel": "quintic"}, 4.0), ({"kernel": "cubic"}, 2.0)):
         scene = load_scene(ring(12_000, gas=gas, cell=cell))
-        at = local(scene)
+        at = gas_at_start(scene)
         width = (drag_cell_sides(scene, at) / at.scale_height).max()
-        row = next(text for name, text in accuracy(scene) if name.startswith("error of the dust drift"))
+        row = next(text for name, text in accuracy_rows(scene) if name.startswith("error of the dust drift"))
         assert f"{width:.2g} H" in row
         wanted = f"{drift_error(width):.1g} at" if drift_error(width) < 1.0 else "100% or more"
         assert row.startswith(wanted)

@@ -8,7 +8,7 @@ from discsim import Simulation, read_snapshot
 from discsim.initial import start_of
 from discsim.output.snapshot import write_snapshot
 from discsim.parts import EFFECTS as ALL
-from discsim.preview.derived import derived
+from discsim.preview.derived import derived_rows
 from discsim.scene import load_scene
 
 BOTH = FIRST + SECOND
@@ -33,7 +33,7 @@ def test_every_effect_that_can_be_is_about_a_pair():
 @pytest.mark.parametrize("name", EFFECTS)
 def test_check_tells_of_a_pair_what_it_tells_of_one_star(name):
     """To the four digits that it prints."""
-    pair, star = (dict(derived(load_scene(scene(pair, **EFFECTS[name])))) for pair in (True, False))
+    pair, star = (dict(derived_rows(load_scene(scene(pair, **EFFECTS[name])))) for pair in (True, False))
     own = {row: text for row, text in pair.items() if not row.startswith("companion")}
     assert own == star
 

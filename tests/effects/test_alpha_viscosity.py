@@ -10,7 +10,7 @@ from discsim.formulas.smoothing import SMOOTHING
 from discsim.numerics.operators import accelerate
 from discsim.physics import viscosity
 from discsim.preview.check import report
-from discsim.preview.derived import local
+from discsim.preview.derived import gas_at_start
 from discsim.run.forces import PhysicsError
 
 NU = 0.02
@@ -118,7 +118,7 @@ def test_check_foretells_the_artificial_viscosity_of_a_shear(pairs, braked, swit
         "eos": {"kind": "adiabatic", "gamma": 1.4, "aspect_ratio": 0.1, "temperature_index": 1.0},
     }
     scene = load_scene(tables)
-    at = local(scene)
+    at = gas_at_start(scene)
     wide = at.h / (0.1 * at.radius)  # h/H
     wanted = 3 / 16 * 0.7 * 5 / 7 * wide * braked * 1.4**0.5 + 3.0 * 31 / 49 * wide**2 / (4 * np.pi)
     found = viscosity.artificial_nu(scene, at) * np.sqrt(1.7 / at.radius**3) / (0.01 * 1.7 / at.radius)
@@ -132,7 +132,7 @@ def test_check_foretells_no_artificial_viscosity_on_reconstructed_velocities():
     tables = disc(alpha=1e-3)
     tables["gas"] = tables["gas"] | {"viscosity": {"alpha": 0.7, "beta": 3.0, "pairs": "reconstructed"}}
     scene = load_scene(tables)
-    assert np.all(viscosity.artificial_nu(scene, local(scene)) == 0.0)
+    assert np.all(viscosity.artificial_nu(scene, gas_at_start(scene)) == 0.0)
 
 
 def test_a_reconstructed_viscosity_leaves_a_shear_wave_alone():
@@ -276,7 +276,7 @@ def test_the_step_is_the_viscosity_s_where_it_is_the_least():
     h = sim.gas.h.min()
     assert dt == pytest.approx(0.3 * h**2 / (18.0 * 10.0 / (7.0 * np.pi)), rel=3e-3)  # W(0) is there to .2%
     scene = load_scene(disc(alpha=1.0))
-    assert local(scene).step.min() < 0.5 * local(load_scene(DISC)).step.min()  # so the forecast has it
+    assert gas_at_start(scene).step.min() < 0.5 * gas_at_start(load_scene(DISC)).step.min()  # so the forecast has it
 
 
 @pytest.mark.parametrize("shaken", [0.0, 0.3])
@@ -375,7 +375,7 @@ def test_noise_falls_with_the_neighbours():
         given = disc(alpha=1e-3)
         given["gas"] = given["gas"] | {"kernel": kernel, "eta": eta}
         scene = load_scene(given)
-        at = local(scene)
+        at = gas_at_start(scene)
         of_h = viscosity.noise_nu(scene, at) / (at.thermal_speed * at.resolution)
         neighbours = np.pi * (support * eta) ** 2
         own = {"quintic": 0.034, "wendland-c4": 0.021}[kernel]
@@ -393,7 +393,7 @@ def test_quiet_gas_has_what_its_share_and_time_leave_of_the_noise():
     for quiet in scenes:
         given["gas"] = given["gas"] | {"quiet": quiet if quiet is not None else False}
         scene = load_scene(given)
-        found.append(viscosity.noise_nu(scene, local(scene)))
+        found.append(viscosity.noise_nu(scene, gas_at_start(scene)))
     np.testing.assert_allclose(found[0], 0.115 * found[2], rtol=1e-12)  # the formula
     np.testing.assert_allclose(found[1], found[2], rtol=1e-12)
 

@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 from discsim import Simulation
 from discsim.kernels.dust import background as kernels
 from discsim.physics.given_disc import PrescribedDisc
-from discsim.preview.derived import derived
+from discsim.preview.derived import derived_rows
 from discsim.preview.forecast import forecast
 from discsim.preview.warnings import warnings
 from discsim.scene import SceneError, load_scene
@@ -217,7 +217,7 @@ def test_any_two_tables_go_with_a_given_disc(pair):
         else:
             tables[name] = TABLES[name]
     held = load_scene(tables | {"background": given, "run": {"until": 0.1}, "space": {"size": 4.0, "cells": 32}})
-    assert derived(held) and forecast(held) is not None
+    assert derived_rows(held) and forecast(held) is not None
     for line in warnings(held):
         assert "\n" not in line
     sim = Simulation(held)

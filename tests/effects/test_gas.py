@@ -12,7 +12,7 @@ from discsim.effects.drag_base import stopping_columns
 from discsim.exact import riemann, sheet
 from discsim.numerics.state import State
 from discsim.physics.eos import eos_of, pressure_and_sound_speed
-from discsim.preview.derived import local
+from discsim.preview.derived import gas_at_start
 from discsim.study.errors import totals
 
 ISOTHERMAL = {"kind": "isothermal", "sound_speed": 1.0}
@@ -137,7 +137,7 @@ def test_squeezed_quintic_is_the_quintic():
         ends.append([steps, sim.gas.pos, sim.gas.vel, sim.gas.u])
         even = Simulation(scene({"kind": "box"}, gas, 0.5))
         even.step()
-        previewed = local(even.scene).step.item()
+        previewed = gas_at_start(even.scene).step.item()
         assert even.limit == pytest.approx(previewed, rel=1e-3)  # the lattice's density is off by less
     for quintic, squeezed in zip(*ends, strict=True):
         np.testing.assert_allclose(squeezed, quintic, rtol=1e-9, atol=1e-12)  # rounding, after 20 steps

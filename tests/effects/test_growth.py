@@ -11,7 +11,7 @@ from discsim.effects.growth import GROWTH_STEP, Effect
 from discsim.formulas import laws
 from discsim.numerics.state import SubcycleClock
 from discsim.output.history import columns_of, history_row
-from discsim.preview.derived import local
+from discsim.preview.derived import gas_at_start
 from discsim.scene import SceneError
 
 ROOT = np.sqrt(2.0 * np.pi)
@@ -414,10 +414,10 @@ def test_two_populations_and_a_given_disc_are_refused():
 def test_check_says_where_growth_ends():
     """a_frag and the drift limit at 1.15, the middle of the start's disc: Sigma 1e-3 / r, c_s^2 = .01 / sqrt(r)."""
     scene = load_scene(disc())
-    assert not list(Effect.report(scene, local(scene)).warnings)
-    (warning,) = Effect.report(load_scene(disc(size=1.0)), local(scene)).warnings
+    assert not list(Effect.report(scene, gas_at_start(scene)).warnings)
+    (warning,) = Effect.report(load_scene(disc(size=1.0)), gas_at_start(scene)).warnings
     assert warning.startswith("grains fragment above ")
-    rows = dict(Effect.report(scene, local(scene)).rows)
+    rows = dict(Effect.report(scene, gas_at_start(scene)).rows)
     breaks = [float(text.split()[0]) for text in rows["grain size at fragmentation limit"].split(", ")]
     r = 1.15
     assert breaks[1] == pytest.approx(2e-3 / r * 4e-4 / (3 * np.pi * 1e-3 * 0.01 / np.sqrt(r)), rel=0.01)

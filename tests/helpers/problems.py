@@ -4,7 +4,7 @@ import numpy as np
 
 from discsim import Simulation
 from discsim.exact import gresho, sedov, settling
-from discsim.initial.blast import shock_front
+from discsim.initial.blast import shock_radius
 
 
 def layer(stop, until, law="stopping-time", particles=120, gas=None):
@@ -51,7 +51,9 @@ def blast(particles, ratio=0.0, stop=0.0, sound_speed=0.01):
     sim = Simulation(tables)
     before = energy(sim)
     sim.run()
-    return [shock_front(p, particles**-0.5) / 0.35 for p in sim.state.species.values()], energy(sim) / before - 1.0
+    return [shock_radius(p.pos, p.mass, particles**-0.5) / 0.35 for p in sim.state.species.values()], energy(
+        sim
+    ) / before - 1.0
 
 
 def energy(sim):

@@ -10,7 +10,7 @@ from scipy.interpolate import make_interp_spline
 from discsim import Simulation, load_scene
 from discsim.exact import nsh
 from discsim.initial import balance
-from discsim.initial.rings import perturbed, spline
+from discsim.initial.rings import cubic_spline, perturb_angles
 from discsim.physics import profile
 from discsim.run.start import begin
 
@@ -161,14 +161,14 @@ def test_phases_of_a_perturbation_are_a_spline(nodes):
     values = 2.0 * np.pi * np.random.default_rng(1).random(nodes)
     x = np.linspace(0.3, 25.0, 1001)
     expected = make_interp_spline(np.linspace(0.3, 25.0, nodes), values, k=3)(x)
-    np.testing.assert_allclose(spline((0.3, 25.0), values, x), expected, atol=1e-13)  # rounding of values to 2 pi
+    np.testing.assert_allclose(cubic_spline((0.3, 25.0), values, x), expected, atol=1e-13)  # rounding of values to 2 pi
 
 
 def test_a_perturbation_is_that_of_the_density():
     """The modes m = 2 to 6 of a ring's density have the amplitude that is asked for, and no other has any."""
     amplitude, angle = 1e-6, 2 * np.pi * np.arange(64) / 64
     scene = load_scene("setups/stable_disc.toml", [f"initial.perturbation={amplitude}"])
-    moved = perturbed(scene, np.full(64, 0.5 * (scene.initial.inner + scene.initial.outer)), angle)
+    moved = perturb_angles(scene, np.full(64, 0.5 * (scene.initial.inner + scene.initial.outer)), angle)
     modes = [2 * abs(np.exp(-1j * m * moved).mean()) for m in range(1, 9)]
     # What is left is of second order: 8^2 / 2 times the square of all the modes' angles together, 1.5 amplitude.
     np.testing.assert_allclose(modes, amplitude * np.array([0, 1, 1, 1, 1, 1, 0, 0]), atol=100 * amplitude**2)

@@ -81,8 +81,8 @@ ADIABATIC = {"kind": "adiabatic", "gamma": 1.4, "sound_speed": 1.0}
         (particles(gas_immobile=np.ones(N)), "gas immobile is true for all"),
         (particles(gas_immobile=np.full(N, 2)), r"gas immobile\[0\] is 2; expected true or false"),
         (particles() | {"dsut": {}}, '"dsut" is unknown; expected "gas", "dust"; did you mean "dust"?'),
-        ({"gas": particles()["gas"]}, r"\[dust\]: no particles are given for this table; expected both or neither"),
-        (particles() | {"gas": np.ones(3)}, "gas a ndarray is not a dict of arrays"),
+        ({"gas": particles()["gas"]}, r'\[dust\]: particles has no key "dust"; expected both or neither'),
+        (particles() | {"gas": np.ones(3)}, "gas is a ndarray; expected a dict with the arrays"),
         ([1, 2], "particles: a list is not a dict"),
     ],
 )
@@ -110,7 +110,7 @@ def test_a_missing_temperature_is_told():
 
 
 def test_several_populations_need_their_numbers():
-    with pytest.raises(SceneError, match=r"dust species is missing; expected the number .* 0 to 1"):
+    with pytest.raises(SceneError, match=r"dust species is missing; expected the index .* 0 to 1"):
         Simulation(scene(dust=2), particles=particles())
     with pytest.raises(SceneError, match="dust species 1 has no particle that can move"):
         Simulation(scene(dust=2), particles=particles(dust_species=np.zeros(N)))

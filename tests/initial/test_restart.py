@@ -5,7 +5,7 @@ import pytest
 from scenes import problems
 
 from discsim import Simulation
-from discsim.initial.refine import refined
+from discsim.initial.refine import refine_particles
 from discsim.output.snapshot import write_snapshot
 
 
@@ -71,7 +71,7 @@ def test_a_lattice_refined_is_as_dense(lattice):
         y = y * 0.75**0.25
     pos = np.stack([x.ravel() - x.mean(), y.ravel() - y.mean()], axis=1) / side
     coarse = {"pos": pos, "vel": np.zeros_like(pos), "mass": np.full(side**2, side**-2.0), "density": np.ones(side**2)}
-    fine = refined(coarse, 4)
+    fine = refine_particles(coarse, 4)
     gas = {"particles": 1, "kernel": "quintic", "eos": {"kind": "isothermal", "sound_speed": 1.0}}
     found = []
     for given in (coarse, fine):
@@ -90,7 +90,7 @@ def test_a_clump_refined_anywhere_keeps_momentum():
     away = rng.uniform(-0.5, 0.5, (300, 2))
     vel = [0.4, -1.1] + away @ [[0.3, 2.0], [-1.2, 0.1]] + 0.1 * rng.standard_normal((300, 2))
     coarse = {"pos": away + np.array([5.0, -3.0]), "vel": vel, "mass": rng.uniform(0.5, 1.5, 300)}
-    fine = refined(coarse, 4)
+    fine = refine_particles(coarse, 4)
 
     def kept(p):
         spin = p["pos"][:, 0] * p["vel"][:, 1] - p["pos"][:, 1] * p["vel"][:, 0]

@@ -3,6 +3,7 @@
 import csv
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ import discsim
 from discsim import Simulation
 from discsim.cli import app
 from discsim.parts import STARTS
-from discsim.preview.derived import gas_mass, local
+from discsim.preview.derived import gas_at_start, gas_mass
 from discsim.run.runner import run_scene
 from discsim.scene import SceneError, load_scene
 from discsim.study.errors import measure_of
@@ -27,7 +28,7 @@ from typing import Literal
 import numpy as np
 
 from discsim.initial.base import Start
-from discsim.initial.lattice import everywhere, uniform
+from discsim.initial.lattice import sample_uniform_gas, uniform_particles
 from discsim.initial.measure import ErrorMeasure, velocity_errors
 from discsim.scene.fields import Table, Velocity
 
@@ -40,7 +41,7 @@ class Stream(Table):
 
 
 def particles(scene):
-    out = uniform(scene, 2.0)
+    out = uniform_particles(scene, 2.0)
     out["gas"]["vel"] += scene.initial.speed
     return out
 
@@ -64,14 +65,14 @@ def is_slow(draft):
 START = Start(
     Stream,
     particles,
-    lambda scene: everywhere(2.0),
+    lambda scene: sample_uniform_gas(2.0),
     dimensions=(1,),
     eos=("isothermal",),
     rules=(is_slow,),
     kernel="quintic",
     warnings=warnings,
     measure=measure,
-    exact_with=("external",),
+    exact_effects=("external",),
 )
 '''
 
@@ -104,7 +105,7 @@ def test_a_start_of_another_package_is_checked(stream):
     done = CliRunner().invoke(app, ["effects"])
     assert 'initial.kind = "stream": Gas that moves.' in done.output and "speed " in done.output
     scene = load_scene(stream)
-    assert scene.gas.kernel == "quintic" and gas_mass(scene) == 2.0 and local(scene).density == [2.0]
+    assert scene.gas.kernel == "quintic" and gas_mass(scene) == 2.0 and gas_at_start(scene).density == [2.0]
 
 
 def test_its_rules_hold(stream):
@@ -205,12 +206,29 @@ def test_grains_of_a_layer_are_offset_by_shares_of_a_gas_particle(grains, offset
     np.testing.assert_allclose((below[1] - below[0])[:-1], offset / 120 * between, rtol=1e-9)  # of erf's inverse
 
 
+def test_error_of_a_blast_is_the_same_in_open_and_periodic_boxes():
+    """The middle of a periodic box is not the origin."""
+    errors = []
+    for boundary in ("open", "periodic"):
+        scene = load_scene({
+            "units": {"system": "code"}, "run": {"until": 0.1}, "space": {"size": 1.0, "boundary": boundary},
+            "initial": {"kind": "blast", "radius": 0.05},
+            "gas": {"particles": 10_000, "eos": {"kind": "adiabatic", "gamma": 1.4}},
+        })  # fmt: skip
+        arrays = STARTS["blast"].particles(scene)["gas"]
+        r = np.sqrt(((arrays["pos"] - arrays["pos"].mean(axis=0)) ** 2).sum(axis=1))
+        gas = SimpleNamespace(pos=arrays["pos"], mass=1e-4 * np.where(np.abs(r - 0.3) < 0.02, 4.0, 1.0), count=10_000)
+        sim = SimpleNamespace(time=0.1, gas=gas, state=SimpleNamespace(species={"gas": gas}))
+        errors.append(measure_of(scene).errors(sim)["gas"])
+    assert errors[0] == pytest.approx(errors[1], abs=0.02) and errors[0] < 0.2
+
+
 @pytest.mark.parametrize("kind", list(STARTS))
 def test_what_a_start_says_is_consistent(kind):
     start = STARTS[kind]
     assert start.keys.model_fields["kind"].default == kind and start.keys.__doc__
-    assert start.reach is None or start.reach[0] in start.keys.model_fields
+    assert start.min_half_side is None or start.min_half_side[0] in start.keys.model_fields
     # Only a scene in one dimension is on cells, and only what is exact can be drawn over the middle of space.
-    assert start.cells is None or 1 in start.dimensions
-    assert start.around is None or (start.curves is not None and start.dimensions == (2,))
-    assert not start.exact_with or start.measure is not None
+    assert start.cell_values is None or 1 in start.dimensions
+    assert start.figure_velocity is None or (start.exact_curves is not None and start.dimensions == (2,))
+    assert not start.exact_effects or start.measure is not None

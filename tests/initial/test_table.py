@@ -9,7 +9,7 @@ from discsim import Simulation, load_scene
 from discsim.output.snapshot import write_snapshot
 from discsim.physics import profile
 from discsim.physics.given_disc import PrescribedDisc
-from discsim.preview.derived import derived, local
+from discsim.preview.derived import derived_rows, gas_at_start
 from discsim.scene import SceneError
 
 R = np.geomspace(1.0, 3.0, 60)
@@ -250,8 +250,8 @@ def test_masses_beyond_what_sph_sums_are_refused(tmp_path):
 def test_previews_know_the_masses_of_a_resolution(tmp_path):
     given = uneven(tmp_path, lambda r, sigma: 1.0 / sigma)
     sim = Simulation(given)
-    np.testing.assert_allclose(local(sim.scene).h, sim.scene.gas.eta * (np.pi * 8.0 / 12_000) ** 0.5, rtol=1e-6)
-    rows = dict(derived(sim.scene))
+    np.testing.assert_allclose(gas_at_start(sim.scene).h, sim.scene.gas.eta * (np.pi * 8.0 / 12_000) ** 0.5, rtol=1e-6)
+    rows = dict(derived_rows(sim.scene))
     least, most = (float(text) for text in rows["mass of a gas particle"].split(" to "))
     # Of rings, which are .05 wide in a gap of .25.
     assert least == pytest.approx(sim.gas.mass.min(), rel=0.1) and most == pytest.approx(sim.gas.mass.max(), rel=0.1)
@@ -259,5 +259,5 @@ def test_previews_know_the_masses_of_a_resolution(tmp_path):
     path = tmp_path / "start.h5"
     write_snapshot(path, sim.scene, 0.0, sim.gas, None)
     given["initial"] = {"kind": "snapshot", "file": str(path)}
-    middle = local(load_scene(given)).h[1]  # with half of the particles within, in the gap
+    middle = gas_at_start(load_scene(given)).h[1]  # with half of the particles within, in the gap
     assert middle == pytest.approx(sim.scene.gas.eta * (np.pi * 8.0 / 12_000) ** 0.5, rel=0.02)  # one ring in 40

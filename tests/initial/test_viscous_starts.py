@@ -49,7 +49,7 @@ def test_the_ring_is_that_of_lynden_bell_and_pringle():
     # Particles come in rings, of which the largest has 2.2% of them.
     np.testing.assert_allclose(found, np.interp(places, x, within), atol=0.025)
     nu = 0.05 * 0.05**2
-    assert viscous_ring.uniform_nu(sim.scene) == pytest.approx(nu, rel=1e-12)
+    assert viscous_ring.uniform_viscosity(sim.scene) == pytest.approx(nu, rel=1e-12)
     np.testing.assert_allclose(radial, spreading_ring.radial_velocity(r, 0.016, nu), rtol=1e-9)
     # v^2 / r = 1 / r^2 + (1 / Sigma) dP/dr, H / r = .05.
     step = 1e-4
@@ -93,7 +93,7 @@ def test_a_steady_disc_carries_one_rate_everywhere():
 
 def test_wrong_starts_are_one_message():
     both = {"kind": "steady", "accretion_rate": 1e-9, "surface_density": 1.0, "inner": 0.5, "outer": 2.0}
-    assert any("both are given; expected exactly one of" in line for line in problems(disc(initial=both)))
+    assert any("are both given; expected exactly one of" in line for line in problems(disc(initial=both)))
     dead = {"alpha": 0.1, "dead_alpha": 0.0, "dead_inner": 0.8, "dead_outer": 1.2, "dead_width": 0.1}
     assert any("Sigma of a steady disc is infinite" in line for line in problems(disc(alpha_viscosity=dead)))
     bare = {name: table for name, table in ring().items() if name != "alpha_viscosity"}

@@ -22,7 +22,7 @@ from discsim.kernels.dust.background import Disc, path_at
 from discsim.kernels.dust.background import relax_by_speed as relax_in_disc
 from discsim.parts import LAWS
 from discsim.physics.laws import stopping_times
-from discsim.preview.derived import derived, local
+from discsim.preview.derived import derived_rows, gas_at_start
 from discsim.scene import load_scene
 
 SUPERSONIC, BOULDER = np.array([1.0, KWOK, 0.0, 0.0, 0.0]), np.array([1.0, KWOK, 1.0, 1e-3, 1.0])
@@ -383,7 +383,7 @@ def test_grains_of_two_sizes_stop_each_as_its_own_must(scheme):
 def test_the_preview_knows_both_regimes(size):
     """`discsim check` has a formula of its own, at no slip: that of the same grains in astropy's units, to rounding."""
     scene = load_scene(box(size))
-    at = local(scene)
+    at = gas_at_start(scene)
     (found,) = stopping_times(scene, at.density, at.sound_speed, at.omega)
     assert found == pytest.approx(1 / rate_of(size, scene.units)(0.0), rel=1e-12)
 
@@ -469,7 +469,7 @@ def test_stokes_over_density_is_epstein_of_a_disc():
         stokes = sim.effects["drag"].current_stopping_times(state) * r**-1.5
     # Cells of a tenth of the radius.
     assert np.median((stokes / (0.1 * r))[middle]) == pytest.approx(1.0, abs=0.03)
-    rows = dict(derived(load_scene(tables)))
+    rows = dict(derived_rows(load_scene(tables)))
     assert rows["at"] == "1, 2, 3"
     shown = [float(x) for x in rows["Stokes number"].split(",")]
     np.testing.assert_allclose(shown, [0.1, 0.2, 0.3], rtol=0.01)

@@ -9,7 +9,7 @@ from discsim import Simulation, load_scene
 from discsim.physics import growth
 from discsim.physics.given_disc import PrescribedDisc
 from discsim.physics.profile import kepler_omega, pressure_slopes
-from discsim.preview.derived import derived, local
+from discsim.preview.derived import derived_rows, gas_at_start
 
 R = np.array([0.9, 1.3, 2.2])
 
@@ -74,7 +74,7 @@ def test_slopes_of_a_snapshot_are_those_of_its_rings(tmp_path):
     sim = Simulation(disc())
     put_out(sim, tmp_path / "a.h5")
     scene = load_scene(disc(initial={"kind": "snapshot", "file": str(tmp_path / "a.h5")}))
-    at = local(scene)
+    at = gas_at_start(scene)
     wanted = 0.01 * 1.2 / (2.0 * np.pi) / (3.0**1.2 - 0.6**1.2) * at.radius**-0.8
     np.testing.assert_allclose(at.density, wanted, rtol=0.05)  # a ring of particles more or less
     whole, midplane = pressure_slopes(scene, np.array([1.0, 1.6, 2.3]))
@@ -89,7 +89,7 @@ def test_rings_of_a_snapshot_have_the_masses_of_their_own_particles(tmp_path):
     gas.mass[np.hypot(*gas.pos.T) > 1.7] *= 0.3
     gas.ids[:] = np.random.default_rng(4).permutation(gas.ids)
     put_out(sim, tmp_path / "a.h5")
-    at = local(load_scene(disc(initial={"kind": "snapshot", "file": str(tmp_path / "a.h5")})))
+    at = gas_at_start(load_scene(disc(initial={"kind": "snapshot", "file": str(tmp_path / "a.h5")})))
     wanted = 0.01 * 1.2 / (2.0 * np.pi) / (3.0**1.2 - 0.6**1.2) * at.radius**-0.8
     wanted[at.radius > 1.7] *= 0.3
     away = np.abs(at.radius - 1.7) > 0.2  # from the ring with both
@@ -101,7 +101,7 @@ def test_check_has_the_headwind_of_both():
     """eta v_K = (H/r)^2 v_K / 2 times the slope, at the places that `check` names."""
     tables = disc()
     scene = load_scene(tables)
-    at, rows = local(scene), dict(derived(scene))
+    at, rows = gas_at_start(scene), dict(derived_rows(scene))
     unit = 0.5 * at.thermal_speed**2 / (at.radius * at.omega)
     for name, slope in (("headwind eta v_K", 1.5), ("headwind from midplane pressure", 2.65)):
         found = [float(word) for word in rows[name].split(", ")]
@@ -120,7 +120,7 @@ def test_the_drift_limit_of_growth_has_the_pressure_that_moves_the_gas(tmp_path)
     again = disc(**more, initial={"kind": "snapshot", "file": str(tmp_path / "a.h5")})
     for tables, near in ((disc(**more), 1e-9), (again, 0.1)):
         scene = load_scene(tables)
-        at = local(scene)
+        at = gas_at_start(scene)
         found = growth.limits(scene, at).drift
         wanted = 2.0 * 0.03 * at.density * (at.radius * at.omega / at.thermal_speed) ** 2 / (np.pi * 1.7 * 1.5)
         np.testing.assert_allclose(found, wanted, rtol=near)  # noise of rings

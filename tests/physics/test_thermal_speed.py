@@ -11,7 +11,7 @@ from scenes import changed
 from discsim import Simulation, load_scene, read_snapshot
 from discsim.output.fields.gas import aspect_ratio, surface_density
 from discsim.physics.given_disc import PrescribedDisc
-from discsim.preview.derived import derived, local, stopping_times
+from discsim.preview.derived import derived_rows, gas_at_start, stopping_times
 
 SIZE, MATERIAL, DENSITY, SOUND = 0.02, 3.0, 2.0, 0.7
 KINDS = {  # with c_T^2 at DENSITY
@@ -45,7 +45,7 @@ def test_epstein_drag_has_the_thermal_speed_of_the_gas(kind, convention):
     """s rho_s / (rho v), v of the molecules: in `check`, in a snapshot's column and in how the slip decays."""
     tables, expected = box(kind, convention=convention), epstein(kind, convention)
     scene = load_scene(tables)
-    assert stopping_times(scene, local(scene))[0] == pytest.approx(expected, rel=1e-12)
+    assert stopping_times(scene, gas_at_start(scene))[0] == pytest.approx(expected, rel=1e-12)
     sim = Simulation(tables)
     sim.run()
     with sim.synchronised() as state:
@@ -121,7 +121,7 @@ def test_gas_of_one_temperature_stops_grains_alike(scheme):
 
 def test_previews_of_one_temperature_agree():
     """H/r, Stokes numbers and the drift at the start, of adiabatic gas as of isothermal."""
-    rows = [dict(derived(load_scene(disc(eos, supersonic=True)))) for eos in (ISOTHERMAL, ADIABATIC)]
+    rows = [dict(derived_rows(load_scene(disc(eos, supersonic=True)))) for eos in (ISOTHERMAL, ADIABATIC)]
     for name in "H/r", "Stokes number", "stopping time":
         assert rows[0][name] == rows[1][name]
     starts = [Simulation(disc(eos)).dust.vel for eos in (ISOTHERMAL, ADIABATIC)]
@@ -132,7 +132,7 @@ def test_a_polytrope_has_the_height_of_its_temperature():
     """H = sqrt(P / Sigma) / Omega as a field of a snapshot has it, not sqrt(dP/dSigma) / Omega."""
     eos = {"kind": "polytropic", "gamma": 1.8, "constant": 0.2, "aspect_ratio": None, "reference_radius": None}
     tables = changed(disc({}), gas={"eos": eos})
-    at = local(load_scene(tables))
+    at = gas_at_start(load_scene(tables))
     np.testing.assert_allclose(at.scale_height, np.sqrt(0.2 * at.density**0.8 * at.radius**3 / 1.4), rtol=1e-12)
     np.testing.assert_allclose(at.sound_speed, np.sqrt(1.8 * 0.2 * at.density**0.8), rtol=1e-12)
 

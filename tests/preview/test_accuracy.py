@@ -7,14 +7,14 @@ import pytest
 from discsim import load_scene
 from discsim.preview import accuracy
 from discsim.preview.check import report
-from discsim.preview.derived import derived
+from discsim.preview.derived import derived_rows
 
 TWIN = "setups/twin_twoway.toml"
 
 
 def number(scene, name):
     """The first number of a row."""
-    text = dict(accuracy.accuracy(scene))[name]
+    text = dict(accuracy.accuracy_rows(scene))[name]
     return float(re.match(r"[\d.e-]+", text)[0])
 
 
@@ -37,7 +37,7 @@ def test_estimates_follow_the_settings(name, change, factor):
 def test_energy_that_steps_change_is_by_orbits(change):
     """3e-3 (C / .8)^2.4 in three orbits of the gas in the middle."""
     scene = load_scene(TWIN, [change])
-    orbits = sorted(map(float, dict(derived(scene))["number of orbits"].split(", ")))[1]
+    orbits = sorted(map(float, dict(derived_rows(scene))["number of orbits"].split(", ")))[1]
     wanted = 3e-3 * (scene.run.courant / 0.8) ** 2.4 * orbits / 3.0
     assert number(scene, "energy error of the step, about") == pytest.approx(wanted, rel=0.35)  # it has one digit
 
@@ -45,14 +45,14 @@ def test_energy_that_steps_change_is_by_orbits(change):
 def test_single_precision_is_told_where_it_is():
     name = "error of gas forces, about"
     assert number(load_scene(TWIN, ["gas.precision=single"]), name) == 3e-7
-    assert name not in dict(accuracy.accuracy(load_scene(TWIN)))
+    assert name not in dict(accuracy.accuracy_rows(load_scene(TWIN)))
 
 
 def test_drag_is_told_of_the_usual_scheme_by_its_cells():
     name = "error of the dust drift, about"
     narrow, wide = (number(load_scene(TWIN, [f"drag.cell={cell}"]), name) for cell in (0.7, 2))
     assert narrow < 0.02 < 0.2 < wide
-    assert name not in dict(accuracy.accuracy(load_scene(TWIN, ["drag.scheme=mk"])))
+    assert name not in dict(accuracy.accuracy_rows(load_scene(TWIN, ["drag.scheme=mk"])))
 
 
 def test_what_is_not_known_is_said():

@@ -7,7 +7,7 @@ from typer.testing import CliRunner
 from discsim import Simulation
 from discsim.cli import app
 from discsim.preview.check import report
-from discsim.preview.derived import derived, grid_bytes
+from discsim.preview.derived import derived_rows, grid_bytes
 from discsim.preview.warnings import warnings
 from discsim.scene import load_scene
 from setups import SETUPS
@@ -42,7 +42,7 @@ def test_check_shows_effects_and_numbers(tmp_path):
 
 
 def test_derived_numbers_of_a_disc(tmp_path):
-    rows = dict(derived(load_scene(write(tmp_path, DISC))))
+    rows = dict(derived_rows(load_scene(write(tmp_path, DISC))))
     # Sigma = M / (2 pi r_out (1 - r_in/r_out) r) for p = 1: 0.1 Msun / (2 pi 90 au r) = 157.1 g/cm2 at 10 au.
     assert rows["surface density of the gas"] == "157.1 g/cm2, 28.57 g/cm2, 15.71 g/cm2"
     # Q = (H/r) M / (pi Sigma r^2) = 0.05 * 9 * 2 = 0.9 of M/M_d = 10 at 10 au.
@@ -56,14 +56,14 @@ def test_derived_numbers_of_a_disc(tmp_path):
 
 def test_toomre_q_is_the_least_of_the_disc(tmp_path):
     text = DISC.replace('mass = "0.1 Msun"', "toomre_q = 1.7")
-    rows = dict(derived(load_scene(write(tmp_path, text))))
+    rows = dict(derived_rows(load_scene(write(tmp_path, text))))
     assert rows["Toomre Q"].split(", ")[-1] == "1.7"
 
 
 def test_check_of_every_start(tmp_path):
     sheet = load_scene(write(tmp_path, SHEET))
-    assert dict(derived(sheet))["mass of a gas particle"] == "0.0009766"  # 1 * 1 * 0.5 / 512
-    assert dict(derived(sheet))["grid"] == "32 x 16 cells of 0.03125"
+    assert dict(derived_rows(sheet))["mass of a gas particle"] == "0.0009766"  # 1 * 1 * 0.5 / 512
+    assert dict(derived_rows(sheet))["grid"] == "32 x 16 cells of 0.03125"
     # density, potential, two gradients; 32 x 9 complex numbers; a quadrant of 17 x 9 of the kernel.
     assert grid_bytes(sheet, [32, 16]) == 8 * (4 * 32 * 16 + 2 * 32 * 9 + 17 * 9)
     shock = """
@@ -73,7 +73,7 @@ def test_check_of_every_start(tmp_path):
     initial.kind = "shock"
     gas = {particles = 600, eos = {kind = "adiabatic", gamma = 1.4}}
     """
-    rows = dict(derived(load_scene(write(tmp_path, shock))))
+    rows = dict(derived_rows(load_scene(write(tmp_path, shock))))
     assert rows["sound speed"] == "1.183, 1.058"  # sqrt(1.4), sqrt(1.4 .1/.125)
     box = """
     units.system = "code"
@@ -82,7 +82,7 @@ def test_check_of_every_start(tmp_path):
     initial = {kind = "box", density = 3}
     dust = {particles = 10, ratio = 0.5}
     """
-    assert dict(derived(load_scene(write(tmp_path, box))))["mass of a dust particle"] == "0.3"
+    assert dict(derived_rows(load_scene(write(tmp_path, box))))["mass of a dust particle"] == "0.3"
     assert check(write(tmp_path, box)).exit_code == 0
 
 

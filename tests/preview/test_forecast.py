@@ -19,8 +19,8 @@ from discsim.effects.base import Counts
 from discsim.effects.drag import Effect as Drag
 from discsim.effects.gas import NEIGHBOUR, RECONSTRUCTED
 from discsim.preview.check import report
-from discsim.preview.forecast import expected_steps, forecast, known_runs, slowness, store_slowness
-from discsim.preview.outlook import Outlooks
+from discsim.preview.evolution import EstimatedEvolution
+from discsim.preview.forecast import expected_steps, forecast, slowness, store_slowness, stored_slowness
 from discsim.run.runner import run_scene
 from setups import SETUPS
 
@@ -129,7 +129,7 @@ def test_the_star_sets_the_steps_of_a_cold_disc():
     ratio, sim = forecast_over_run(scene)
     assert 1.0 / WITHIN < ratio < WITHIN and sim.limited_by == "star"
     steps = forecast(scene).steps
-    assert steps.by == "star" and steps.share == 1.0
+    assert steps.limiter == "star" and steps.share == 1.0
     # The nearest gas is within half a spacing of the inner edge, or nearer.
     nearest = float(steps.where.removeprefix("at "))
     assert 1.8 <= nearest <= 2.0 + 0.5 * (np.pi * 21.0 / 1500) ** 0.5
@@ -152,7 +152,7 @@ def test_an_explicit_drag_sets_the_steps_of_grains_that_stop_soon(scheme):
     ratio, sim = forecast_over_run(load_scene(box))
     assert sim.limited_by == "drag" and 1.0 / WITHIN < ratio < WITHIN
     one_way = load_scene(changed(box, drag={"direction": "one-way"}))
-    assert expected_steps(one_way).by == "gas"
+    assert expected_steps(one_way).limiter == "gas"
 
 
 @pytest.mark.parametrize(("gravity", "most"), [({"softening": 0.05}, 3.0), ({"softening": 0.8}, 1.2)])
@@ -170,8 +170,10 @@ def test_clumps_that_keep_their_heat_are_hotter_by_two_thirds_of_the_contrast():
     eos = {"kind": "adiabatic", "gamma": 1.6, "aspect_ratio": 0.08, "reference_radius": 3.0}
     start = {"perturbation": 0.1, "mass": None, "toomre_q": 0.9}
     disc = changed(COLD, self_gravity={"softening": 0.01}, gas={"eos": eos}, space={"cells": 512}, initial=start)
-    outlooks = Outlooks(load_scene(changed(disc, cooling={"kind": "beta", "beta": 1.3}, run={"until": 200.0})))
-    first, last = (outlooks.at(time).at for time in (0.0, 200.0))
+    evolution = EstimatedEvolution(
+        load_scene(changed(disc, cooling={"kind": "beta", "beta": 1.3}, run={"until": 200.0}))
+    )
+    first, last = (evolution.state_at(time).at for time in (0.0, 200.0))
     np.testing.assert_allclose(last.density / first.density, 4.0, rtol=1e-12)
     np.testing.assert_allclose(last.sound_speed / first.sound_speed, 4.0 ** (1.0 / 3.0), rtol=1e-12)
     np.testing.assert_allclose(last.h / first.h, 0.5, rtol=1e-12)
@@ -183,11 +185,11 @@ def test_the_inner_edge_of_given_dust_comes_in_as_it_drifts(stokes):
     given = {"surface_density": 1e-3, "eos": COLD["gas"]["eos"] | {"aspect_ratio": 0.05}}
     drag = {"law": "stokes-number", "stokes": stokes, "direction": "one-way"}
     tables = changed(COLD, gas=None, background=given, dust={"particles": 40_000, "ratio": 0.01}, drag=drag)
-    outlooks = Outlooks(load_scene(tables))
+    evolution = EstimatedEvolution(load_scene(tables))
     kepler = (0.7 / 2.0) ** 0.5
     speed2 = 0.05**2 * (0.7 / 3.0) * (2.0 / 3.0) ** -0.5
     drift = 1.5 * speed2 / kepler * stokes / (1.0 + stokes**2)
-    first, last = (outlooks.at(time).nearest for time in (0.0, 30.0))
+    first, last = (evolution.state_at(time).nearest for time in (0.0, 30.0))
     assert first == pytest.approx(2.0, rel=0.02)  # half of a spacing
     assert first - last == pytest.approx(30.0 * drift, rel=0.03)  # by the slope between two of 129 places
 
@@ -196,9 +198,9 @@ def test_light_that_outweighs_the_star_sets_the_steps_of_its_grains():
     scene = changed(COLD, dust={"particles": 300, "ratio": 0.5}, drag={"law": "stokes-number", "stokes": 0.1},
         radiation_pressure={"beta": 3.0})  # fmt: skip
     steps = expected_steps(load_scene(scene))
-    assert steps.by == "radiation_pressure"
+    assert steps.limiter == "radiation_pressure"
     star = expected_steps(load_scene(changed(scene, radiation_pressure={"beta": 0.3})))
-    assert star.by == "star" and steps.number == pytest.approx(3.0**0.5 * star.number, rel=1e-6)
+    assert star.limiter == "star" and steps.number == pytest.approx(3.0**0.5 * star.number, rel=1e-6)
 
 
 def test_an_eccentric_companion_takes_the_steps_of_its_mean_frequency():
@@ -207,7 +209,7 @@ def test_an_eccentric_companion_takes_the_steps_of_its_mean_frequency():
     steps = expected_steps(load_scene(COLD | {"companion": [other]}))
     anomaly = (np.arange(4000) + 0.5) * 2.0 * np.pi / 4000
     mean = np.mean((1.0 - 0.5 * np.cos(anomaly)) ** -0.5) * (0.9 / 0.2**3) ** 0.5
-    assert steps.by == "companion" and "orbit of companion 1" in steps.where
+    assert steps.limiter == "companion" and "orbit of companion 1" in steps.where
     assert steps.number == pytest.approx(40.0 * mean / (0.4 * 0.5), rel=1e-3)  # 64 phases, half of 1/Omega
 
 
@@ -300,7 +302,7 @@ def run_here(scene, slow, cpu=100.0, wall=None):
 def test_the_next_forecast_knows_this_machine(store):
     scene = load_scene("setups/stable_disc.toml")
     first = forecast(scene)
-    assert slowness() == 1.0 and known_runs() == []
+    assert slowness() == 1.0 and stored_slowness() == []
     for taken, median in ((3.0, 3.0), (0.5, 1.75), (0.6, 0.6)):  # each of the stored figures, never of the last
         run_here(scene, taken)
         assert slowness() == pytest.approx(median)
@@ -343,19 +345,19 @@ def test_one_odd_run_does_not_change_the_forecast(store):
     assert slowness() == pytest.approx(1.15)
     for _ in range(7):  # a machine that has become another is known after some runs
         run_here(scene, 2.0)
-    assert known_runs() == pytest.approx([2.0] * 7)
+    assert stored_slowness() == pytest.approx([2.0] * 7)
 
 
 def test_each_machine_of_a_shared_home_has_its_own_runs(store, monkeypatch):
     scene = load_scene("setups/stable_disc.toml")
     run_here(scene, 3.0)
     monkeypatch.setattr("platform.node", lambda: "another")
-    assert known_runs() == []
+    assert stored_slowness() == []
     run_here(scene, 0.5)
-    assert known_runs() == pytest.approx([0.5])
+    assert stored_slowness() == pytest.approx([0.5])
     monkeypatch.undo()
     monkeypatch.setenv("XDG_CACHE_HOME", str(store.parent.parent))
-    assert known_runs() == pytest.approx([3.0])
+    assert stored_slowness() == pytest.approx([3.0])
 
 
 def test_what_cannot_be_kept_is_not(tmp_path, monkeypatch):

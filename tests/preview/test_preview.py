@@ -8,7 +8,7 @@ from discsim.drag import cells, nodes
 from discsim.kernels.drag import blocks
 from discsim.numerics.layout import LEVELS
 from discsim.preview.check import report
-from discsim.preview.derived import derived
+from discsim.preview.derived import derived_rows
 from discsim.scene import load_scene
 
 DISC = {
@@ -47,7 +47,7 @@ def with_keys(tables, **changes):
 
 
 def rows_of(tables):
-    return dict(derived(load_scene(tables)))
+    return dict(derived_rows(load_scene(tables)))
 
 
 def numbers(text):

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from discsim import Simulation, load_scene, read_snapshot
 from discsim.cli import app
 from discsim.initial import start_time
-from discsim.preview.derived import derived
+from discsim.preview.derived import derived_rows
 from discsim.run.branch import branch
 from discsim.run.runner import run_scene
 from discsim.scene import SceneError, tomltext
@@ -113,7 +113,7 @@ def test_check_says_what_changes_and_writes_nothing(run, tmp_path):
     done = command(run, "--at", "2", "--check", "--set", "star.mass=2", "-o", tmp_path / "b")
     assert done.exit_code == 0 and not (tmp_path / "b").exists()
     assert "star.mass = 2, was 1.0" in done.stdout and "derived numbers" in done.stdout
-    orbits = [dict(derived(branch(run, number).scene))["number of orbits"] for number in (0, 3)]
+    orbits = [dict(derived_rows(branch(run, number).scene))["number of orbits"] for number in (0, 3)]
     first, later = (float(text.split(",")[0]) for text in orbits)
     assert later == pytest.approx(0.4 * first, rel=0.1)  # .2 of .5 are left; the inner edge has spread by some percent
 

@@ -35,8 +35,8 @@ def _tables(draft: Draft) -> Iterator[Problem]:
         yield ("drag", "direction"), f'{scheme} always couples gas and dust both ways; expected "two-way"'
     if draft.run and draft.run.integrator != "kdk":
         yield ("run", "integrator"), f"{scheme} has its own time integrator; remove this key"
-    if draft.start and not draft.start.cells:
-        *some, last = kinds(lambda start: start.cells)
+    if draft.start and not draft.start.cell_values:
+        *some, last = kinds(lambda start: start.cell_values)
         yield ("initial", "kind"), f"{scheme} does not support this start; expected {', '.join(some)} or {last}"
 
 

@@ -1,6 +1,6 @@
-"""Particle arrays that the caller passes in place of [initial]: validation, and copies in code units.
+"""Particle arrays that the user passes to `Simulation` in place of [initial]: validation, and copies in code units.
 
-Each message names the array, the expected shape or value, and the first wrong entry.
+Each message names the array, its first wrong entry, and the expected shape or value.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discsim.initial import SPECIES, Given
+from discsim.initial import SPECIES, ParticleArrays
 from discsim.parts import Lazy
 from discsim.physics.eos import eos_of
 from discsim.physics.grains import has_individual_sizes
@@ -29,68 +29,72 @@ KNOWN_ARRAYS = {
     "gas": (*REQUIRED_ARRAYS, "u", "density", "small", "immobile"),
     "dust": (*REQUIRED_ARRAYS, "species", "size", "immobile"),
 }
-MEASURE = {"pos": "length", "size": "length", "vel": "velocity", "u": "specific_energy", "density": "density"}
+DIMENSIONS = {"pos": "length", "size": "length", "vel": "velocity", "u": "specific_energy", "density": "density"}
 NOT_NEGATIVE = ("small",)
 POSITIVE = ("mass", "u", "density", "size")
 LARGEST = 1e150  # bound of all values: squares do not overflow
-MAX_MASS_RATIO = 1e12  # largest ratio of gas masses: beyond, sums lose light particles and time steps become tiny
+MAX_MASS_RATIO = 1e12  # largest ratio of gas masses; above it, sums lose light particles and time steps become tiny
 
 
 class _ArrayError(Exception):
-    """Error for a fault of one array."""
+    """Error for an invalid array; its text follows the name of the array in a message."""
 
 
-def read(scene: Scene, particles: Any) -> Given:
-    """Check the caller's arrays, and return copies as {species: {name: array}} in code units.
+def read_arrays(scene: Scene, particles: Any) -> ParticleArrays:
+    """Check the user's particle arrays, and return copies in code units, {species: {name: array}}.
 
     Positions are wrapped into a periodic box. Raises SceneError with all problems.
     """
     if not isinstance(particles, Mapping):
-        raise SceneError([f"particles: {_type_text(particles)} is not a dict; expected one of {_quoted(SPECIES)}"])
+        raise SceneError(
+            [f"particles: {_type_text(particles)} is not a dict; expected arrays by species: {_quoted(SPECIES)}"]
+        )
     problems = [f"particles: {shown(name)} is unknown; expected {_quoted(SPECIES)}{near(str(name), SPECIES)}"
                 for name in particles if name not in SPECIES]  # fmt: skip
-    given: Given = {}
+    arrays: ParticleArrays = {}
     for name in SPECIES:
         if (getattr(scene, name) is None) != (name not in particles):
-            have = "no particles are given for this table" if name not in particles else "the scene has no such table"
-            problems.append(f"[{name}]: {have}; expected both or neither")
+            wrong = (
+                f'particles has no key "{name}"' if name not in particles else "particles are given without this table"
+            )
+            problems.append(f"[{name}]: {wrong}; expected both or neither")
         elif name in particles:
-            given[name], faults = _read_species(scene, name, particles[name])
+            arrays[name], faults = _read_species(scene, name, particles[name])
             problems += [f"particles: {name} {fault}" for fault in faults]
     if problems:
         raise SceneError(problems)
-    return given
+    return arrays
 
 
-def counted(scene: Scene, given: Given) -> Scene:
-    """Return the scene with its particle numbers replaced by the numbers of movable particles in the arrays `given`."""
+def with_particle_counts(scene: Scene, arrays: ParticleArrays) -> Scene:
+    """Return the scene with its particle numbers replaced by the numbers of movable particles in `arrays`."""
+    data = tomllib.loads(scene.text)
     values: list[tuple[list[str], int]] = []
     update: dict[str, Any] = {}
-    if "gas" in given:
-        count = _count_movable(given["gas"])
+    if "gas" in arrays:
+        count = _count_movable(arrays["gas"])
         values.append((["gas", "particles"], count))
         update["gas"] = scene.gas.model_copy(update={"particles": count})
-    if "dust" in given:
-        counts = [_count_movable(given["dust"], number) for number in range(len(scene.dust))]
+    if "dust" in arrays:
+        counts = [_count_movable(arrays["dust"], number) for number in range(len(scene.dust))]
         update["dust"] = tuple(p.model_copy(update={"particles": n}) for p, n in zip(scene.dust, counts, strict=True))
-        data = tomllib.loads(scene.text)
         listed = isinstance(data["dust"], list)
         values += [(["dust", *([str(k)] if listed else []), "particles"], n) for k, n in enumerate(counts)]
-    data = tomllib.loads(scene.text)
     for path, value in values:
         tomltext.set_value(data, path, value)
     return scene.model_copy(update=update | {"text": tomltext.edit(scene.text, data, values, [])})
 
 
 def _count_movable(arrays: Mapping[str, Array], species: int | None = None) -> int:
-    """Count the particles that can move. species: index of a population; None: all particles."""
+    """Return the number of particles that can move. species: index of the population to count; None: all particles."""
     chosen = np.ones(len(arrays["mass"]), bool) if species is None else arrays["species"] == species
     return int(np.count_nonzero(chosen & ~arrays.get("immobile", np.zeros(len(chosen), bool))))
 
 
 def _read_species(scene: Scene, name: str, given: Any) -> tuple[dict[str, Array], list[str]]:
+    """Return the arrays of the species `name` in code units, and the problems of the user's arrays `given`, as text."""
     if not isinstance(given, Mapping):
-        return {}, [f"{_type_text(given)} is not a dict of arrays; expected {_quoted(REQUIRED_ARRAYS)}"]
+        return {}, [f"is {_type_text(given)}; expected a dict with the arrays {_quoted(REQUIRED_ARRAYS)}"]
     given = {key: values for key, values in given.items() if values is not None}
     known = KNOWN_ARRAYS[name]
     faults = [f"has an unknown array {shown(key)}; expected {_quoted(known)}{near(str(key), known)}"
@@ -98,32 +102,31 @@ def _read_species(scene: Scene, name: str, given: Any) -> tuple[dict[str, Array]
     faults += [f"{key} is missing{why}" for key, why in _missing_arrays(scene, name, given)]
     if "u" in given and name == "gas" and not eos_of(scene).holds_heat:
         faults.append(
-            f'u is given, but the gas is "{scene.gas.eos.kind}", which has no energy equation; expected no array u'
+            f'u is given, but the gas is "{scene.gas.eos.kind}", which has no energy equation; leave the array u out'
         )
     if name == "dust" and "size" in given and not has_individual_sizes(scene):
-        faults.append("size is given, but dust.grain_size is not a size distribution; expected no array size")
+        faults.append("size is given, but dust.grain_size is not a size distribution; leave the array size out")
     if "small" in given and name == "gas" and scene.table("growth") is None:
-        faults.append("small is given, but there is no [growth]; expected a table [growth] too, or no array small")
+        faults.append("small is given, but there is no table [growth]; add [growth], or leave the array small out")
     arrays: dict[str, Array] = {}
     count = None
-    for key in known:
-        if key not in given:
-            continue
+    for key in (key for key in known if key in given):
         try:
             arrays[key] = _read_array(scene, name, key, given[key], count)
         except _ArrayError as fault:
             faults.append(f"{key}{fault}")
             continue
         count = len(arrays[key]) if count is None else count
-    return arrays, faults or list(_faults_between_arrays(scene, name, arrays))
+    return arrays, faults or list(_problems_between_arrays(scene, name, arrays))
 
 
 def _missing_arrays(scene: Scene, name: str, given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Yield (name, what is expected as text) for each required array of a species that is not in `given`."""
     for key in REQUIRED_ARRAYS:
         if key not in given:
             yield key, f"; expected {_quoted(REQUIRED_ARRAYS)}"
     if name == "dust" and len(scene.dust) > 1 and "species" not in given:
-        yield "species", f"; expected the number of each particle's population, 0 to {len(scene.dust) - 1}"
+        yield "species", f"; expected the index of each particle's population, 0 to {len(scene.dust) - 1}"
     if name == "dust" and has_individual_sizes(scene) and "size" not in given and scene.table("growth") is None:
         yield "size", "; expected the radius of each particle's grains, as dust.grain_size is a size distribution"
     eos: Any = scene.gas.eos if scene.gas else None
@@ -132,25 +135,24 @@ def _missing_arrays(scene: Scene, name: str, given: Mapping[str, Any]) -> Iterat
 
 
 def _read_array(scene: Scene, name: str, key: str, values: Any, count: int | None) -> Array:
-    """Return the checked array `key` of the species `name` in code units. Raises _ArrayError.
+    """Return the array `key` of the species `name` in code units, after checks. Raises _ArrayError.
 
-    count: number of particles, if another array has set it.
+    values: array of the user. count: number of particles in the arrays read before; None: this is the first.
     """
     array = _to_numbers(scene, key, values)
     dim = scene.space.dimensions
-    n = "n" if count is None else str(count)
-    wanted = f"({n}, {dim})" if key in ("pos", "vel") else f"({n},)"
     if key == "density" and array.shape == ():
         array = np.full(count or 0, float(array))
     ends = (dim,) if key in ("pos", "vel") else ()
     if array.ndim < 1 or array.shape[1:] != ends or len(array) == 0 or (count is not None and len(array) != count):
-        raise _ArrayError(f" has shape {array.shape}; expected {wanted}")
+        expected = ", ".join(map(str, ("n" if count is None else count, *ends)))
+        raise _ArrayError(f" has shape {array.shape}; expected ({expected}{'' if ends else ','})")
     if key == "immobile":
         return _require(array, (array == 0) | (array == 1), "true or false").astype(bool)
     if key == "species":
         last = len(scene.dust) - 1
-        right = (array >= 0) & (array <= last) & (array == np.floor(array))
-        return _require(array, right, f"a population of the scene, 0 to {last}").astype(np.int64)
+        valid = (array >= 0) & (array <= last) & (array == np.floor(array))
+        return _require(array, valid, f"a population of the scene, 0 to {last}").astype(np.int64)
     _require(array, np.isfinite(array), "a finite number")
     if key in POSITIVE:
         _require(array, array > 0.0, "a positive number")
@@ -166,12 +168,12 @@ def _read_array(scene: Scene, name: str, key: str, values: Any, count: int | Non
 
 def _to_numbers(scene: Scene, key: str, values: Any) -> Array:
     """Return a C-ordered float copy of `values` in code units, as kernels need it. Raises _ArrayError."""
-    # In 1D a mass is a column: mass over area.
-    measure = MEASURE.get(key, "mass" if scene.space.dimensions == 2 else "surface_density")
+    # In 1D the mass of a particle is a mass per area.
+    dimension = DIMENSIONS.get(key, "mass" if scene.space.dimensions == 2 else "surface_density")
     plain = key in ("species", "immobile")
     try:
         if hasattr(values, "unit") and not plain:
-            values = scene.units.in_code(values, measure)
+            values = scene.units.in_code(values, dimension)
         array = np.asarray(values)
         if array.dtype.kind not in "biuf" or (array.dtype.kind == "b" and not plain):
             raise TypeError
@@ -182,18 +184,21 @@ def _to_numbers(scene: Scene, key: str, values: Any) -> Array:
         raise _ArrayError(f": {_type_text(values)} cannot be read as an array of numbers") from None
 
 
-def _require(array: Array, right: Array, words: str) -> Array:
-    if right.all():
+def _require(array: Array, valid: Array, expected: str) -> Array:
+    """Return `array` if all entries of the mask `valid` are True. Raises _ArrayError for the first invalid entry.
+
+    expected: description of valid entries, for the message.
+    """
+    if valid.all():
         return array
-    index = tuple(int(i) for i in np.argwhere(~right)[0])
-    place = ", ".join(str(i) for i in index)
-    raise _ArrayError(f"[{place}] is {array[index]:g}; expected {words}")
+    index = tuple(int(i) for i in np.argwhere(~valid)[0])
+    raise _ArrayError(f"[{', '.join(map(str, index))}] is {array[index]:g}; expected {expected}")
 
 
-def _faults_between_arrays(scene: Scene, name: str, arrays: dict[str, Array]) -> Iterator[str]:
-    """Yield problems that can be found only in all arrays of a species together.
+def _problems_between_arrays(scene: Scene, name: str, arrays: dict[str, Array]) -> Iterator[str]:
+    """Yield problems of the arrays of a species that a single array does not show.
 
-    Adds the array `species`, with the default 0, to the arrays of dust that have none.
+    If `arrays` of dust have no `species`, it is added, with zeros.
     """
     if name == "gas":
         mass = arrays["mass"]
@@ -204,9 +209,9 @@ def _faults_between_arrays(scene: Scene, name: str, arrays: dict[str, Array]) ->
                 f"{MAX_MASS_RATIO:g} times, for accurate SPH sums"
             )
         if "small" in arrays and growth.small_dust_in_mass(scene):
-            most = arrays["small"] - mass
-            if most.max() >= 0.0:
-                i = int(most.argmax())
+            excess = arrays["small"] - mass
+            if excess.max() >= 0.0:
+                i = int(excess.argmax())
                 yield f"small[{i}] is {arrays['small'][i]:g}, not below mass[{i}] = {mass[i]:g}; expected less"
         if _count_movable(arrays) == 0:
             yield "immobile is true for all particles; expected some that can move"
