@@ -35,12 +35,12 @@ from matplotlib.ticker import NullFormatter
 from rich.box import SIMPLE
 from rich.console import Console
 from rich.table import Table
+from script_helpers import some_of
 
 from discsim import load_scene
 from discsim.study.cost import Study
-from discsim.study.findings import price
+from discsim.study.findings import cost_of_error
 from discsim.study.points import Varied
-from discsim.study.scripts import some_of
 
 STUDIES = ("wave", "shock", "oblique", "sheet", "courant", "drift")
 GOAL = 0.01
@@ -212,9 +212,9 @@ def show_prices(studies: dict[str, list[Study]], console: Console) -> None:
     table = Table("problem", "scheme", f"updates to {GOAL:.0%}", "over tsc's", box=SIMPLE)
     for name, parts in studies.items():
         lines = {points[0].settings["drag.scheme"]: points for study in parts for points in study.lines().values()}
-        best = price(lines["tsc"], GOAL, updates)
+        best = cost_of_error(lines["tsc"], GOAL, updates)
         for scheme, points in lines.items():
-            paid = price(points, GOAL, updates)
+            paid = cost_of_error(points, GOAL, updates)
             if paid is None or best is None:
                 table.add_row(name, scheme, "never", "")
             else:

@@ -40,11 +40,11 @@ from matplotlib.figure import Figure
 from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
+from script_helpers import some_of, write_csv
 
 from discsim import Simulation
 from discsim.exact import nsh
 from discsim.parts import SCHEMES
-from discsim.study.scripts import some_of, write_csv
 
 ASPECT, SIGMA, INNER, OUTER, TAPER, WINDOW, BATCHES = 0.05, 1e-4, 0.5, 1.55, 0.2, 0.12, 10
 FOLLOWED = 0.2  # from r = 1, within which gas begins whose angular momentum tells its drift

@@ -19,10 +19,10 @@ import drift
 import numpy as np
 from rich.console import Console
 from rich.table import Table
+from script_helpers import write_csv
 
 from discsim import Simulation
 from discsim.exact import nsh
-from discsim.study.scripts import write_csv
 
 CASES, WIDTHS = "wendland-c4:2.2:12000:0.08,quintic:1.1:12000:0.08", "0,0.75,1,1.25,1.5,2"
 TRACER, WINDOW = 1e-4, 0.2

@@ -30,13 +30,13 @@ from rich.box import SIMPLE
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
+from script_helpers import warm_up, write_csv
 
 from discsim import Simulation
 from discsim.effects import gas
 from discsim.exact import nsh
 from discsim.formulas.smoothing import SMOOTHING
 from discsim.run.operators import Operators
-from discsim.study.scripts import warm_up, write_csv
 
 SCHEMES = ("tsc", "idic-linear")
 STOKES, CELLS, COUNTS = (0.1, 0.01), (1, 2, 4, 8), (1500, 6000, 24_000)

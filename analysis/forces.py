@@ -27,10 +27,10 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from script_helpers import whole_numbers, write_csv
 
 from discsim import Simulation
 from discsim.exact import exponential, kuzmin, maclaurin, mestel, stratified
-from discsim.study.scripts import whole_numbers, write_csv
 
 Array = np.ndarray
 SIDE, LENGTH, CELLS_WIDE = 2.6, 0.03, 2

@@ -34,11 +34,11 @@ from matplotlib.figure import Figure
 from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
+from script_helpers import some_of, write_csv
 
 from discsim import Simulation
 from discsim.formulas.smoothing import SMOOTHING
 from discsim.kernels.sph.smoothing import KERNELS, SUPPORT
-from discsim.study.scripts import some_of, write_csv
 
 ASPECT, INNER, OUTER, TAPER, WINDOW = 0.05, 0.5, 1.55, 0.2, 0.15
 PLAIN: dict = {}  # the default viscosity

@@ -25,12 +25,12 @@ from measures import exact_velocity, run_of
 from rich.console import Console
 from rich.progress import track
 from schemes import SCHEMES, blast
+from script_helpers import some_of
 
 from discsim import Simulation
 from discsim.exact import dustybox, riemann, sedov, settling
 from discsim.kernels.drag.laws import hastening
 from discsim.kernels.sph.smoothing import KERNELS, NORM, SUPPORT, shape
-from discsim.study.scripts import some_of
 
 EULER = {"integrator": "euler"}
 

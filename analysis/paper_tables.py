@@ -25,8 +25,7 @@ from measures import run_of, smoothed_error
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
-
-from discsim.study.scripts import some_of, write_csv
+from script_helpers import some_of, write_csv
 
 KERNELS = ("cubic", "quintic-h", "quintic")  # M4, M6-h, M6-3h
 DIGIT = {1: 1e-6, 2: 1e-3, 3: 1e-3}  # of the tables, the last printed; what follows is cut off

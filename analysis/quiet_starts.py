@@ -14,9 +14,9 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+from script_helpers import some_of
 
 from discsim import Simulation
-from discsim.study.scripts import some_of
 
 ASPECT = 0.05
 LOW = {"alpha": 0.3, "beta": 0.5}

@@ -34,10 +34,10 @@ from measures import amplitude_error, particle_error, run_of, smoothed_error
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
+from script_helpers import some_of, warm_up, write_csv
 
 from discsim import Simulation
 from discsim.exact import sedov
-from discsim.study.scripts import some_of, warm_up, write_csv
 
 SCHEMES = ("mk", "esph", "isph", "lab14", "reconstructed", "idic", "idic-linear", "tsc", "sios-ppm", "emsi-ppm")
 PARTS = ("wave", "shock", "blast")

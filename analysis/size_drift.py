@@ -20,10 +20,10 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
+from script_helpers import some_of, write_csv
 
 from discsim import Simulation
 from discsim.exact import nsh
-from discsim.study.scripts import some_of, write_csv
 
 ASPECT, SIGMA, RATIO, WINDOW, ORBITS = 0.1, 1e-4, 0.5, 0.15, (0.5, 2.5)
 SMALLEST, LARGEST = 0.04, 1.2  # Stokes numbers at r = 1: neighbours among eight are classes of their own

@@ -25,11 +25,11 @@ from measures import particle_error, run_of
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
+from script_helpers import some_of
 
 from discsim.exact import dustywave
 from discsim.parts import SCHEMES
 from discsim.run.simulation import PhysicsError
-from discsim.study.scripts import some_of
 
 COEFFICIENTS = tuple(10.0 ** np.arange(-6, 13, 2))
 RATIOS = tuple(10.0 ** np.arange(-6, 7, 2))

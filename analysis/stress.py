@@ -27,13 +27,13 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
+from script_helpers import write_csv
 
 from discsim import Simulation
 from discsim.output.snapshot import Snapshot, SnapshotError, read_snapshot
 from discsim.physics.centre import kepler_omega
 from discsim.physics.cooling import target_energy
 from discsim.scene import Scene, load_scene
-from discsim.study.scripts import write_csv
 
 RINGS = 24
 BLOCKS = 4

@@ -49,10 +49,10 @@ from passes import table_of
 from rich.box import SIMPLE
 from rich.console import Console
 from rich.table import Table
+from script_helpers import some_of, whole_numbers
 from step_cost import STEPS, apart, case, scene, without_dust
 
 from discsim.parts import SCHEMES, USUAL_SCHEME
-from discsim.study.scripts import some_of, whole_numbers
 
 ORDER = ("gas", "star", "self_gravity", "dust", "drag")
 CASES = ("gas", "box", "gravity", "dust one-way", "dust two-way", "mix", "main")

@@ -85,7 +85,7 @@ def test_a_title_that_is_no_mistyped_initial():
     }  # fmt: skip
     with pytest.raises(SceneError) as fault:
         load_scene(scene)
-    assert fault.value.problems == ["scene: missing table [initial]; expected one"]
+    assert fault.value.problems == ["scene: missing table [initial]; add it"]
     with pytest.raises(SceneError) as fault:
         load_scene({**scene, "intial": {"kind": "box"}})
     (problem,) = fault.value.problems

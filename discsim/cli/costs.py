@@ -75,10 +75,12 @@ def cost(
 
             make = partial(Study(scene, varied, repeat or 1, directory, *changed).make, title, parallel)
         else:
-            from discsim.study.cheapest import Cheapest, wanted
+            from discsim.study.cheapest import Cheapest, SearchOptions, parse_budget, parse_error, parse_reference
 
-            search = wanted(error, budget, measure, reference or (), varied, keep or (), repeat or 3, parallel)
-            make = partial(Cheapest(scene, directory, search, *changed).make, title)
+            finer = parse_reference(reference or ())
+            goal, seconds = parse_error(error), parse_budget(budget)
+            options = SearchOptions(goal, seconds, measure, finer, varied, keep or (), repeat or 3, parallel)
+            make = partial(Cheapest(scene, directory, options, *changed).make, title)
         fault = directory_fault(directory, resume=False)
         if fault:
             fail(fault)

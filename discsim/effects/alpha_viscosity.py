@@ -31,7 +31,7 @@ from discsim.formulas.smoothing import SMOOTHING
 from discsim.numerics.state import State
 from discsim.numerics.threads import parallel_for
 from discsim.physics import viscosity
-from discsim.scene.keys.alpha_viscosity import Keys
+from discsim.scene.keys import AlphaViscosity as Keys
 from discsim.scene.rules import Draft, Problem
 
 if TYPE_CHECKING:

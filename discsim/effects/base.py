@@ -295,7 +295,7 @@ def source_problems(
         table = "companion" if name == "companions" else name
         if name != "star" and not draft.has(table):
             yield where, f'"{name}" is listed, but there is no table [{table}]; expected that table, or no "{name}"'
-    if path is not None and "dust" in names and draft.one_way_beside_gas:
+    if path is not None and "dust" in names and draft.has_gas_and_one_way_drag:
         wrong = f"with one-way drag, dust must not act on the gas, not even through {path}"
         yield where, f'{wrong}; expected no "dust", or drag.direction = "two-way"'
 

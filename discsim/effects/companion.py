@@ -42,7 +42,7 @@ from discsim.physics import companions as formulas
 from discsim.physics.companions import softening
 from discsim.physics.local import PHASES, resolution
 from discsim.physics.orbits import IN_KICKS, Orbits
-from discsim.scene.keys.companion import Keys
+from discsim.scene.keys import Companion as Keys
 from discsim.scene.rules import Draft, Problem, missing_tables
 
 if TYPE_CHECKING:

@@ -22,7 +22,8 @@ from discsim.numerics.state import Gas, State
 from discsim.numerics.threads import parallel_for
 from discsim.parts import Lazy
 from discsim.physics import cooling as physics
-from discsim.scene.keys.cooling import TABLE, Keys
+from discsim.scene.keys import OPACITY_TABLE
+from discsim.scene.keys import Cooling as Keys
 from discsim.scene.rules import Draft, Problem
 
 if TYPE_CHECKING:
@@ -116,7 +117,7 @@ class Effect(base.Effect):
         own, rate, out = self.own, gas.kick_rate, np.empty_like(gas.u)
         pos = self.state.from_centre(gas.pos)
         if own.kind == "radiative":
-            kappa = 0.0 if own.opacity == TABLE else own.opacity
+            kappa = 0.0 if own.opacity == OPACITY_TABLE else own.opacity
             grey = kappa, self.target, *self.state.central, self.radiation
             parallel_for(kernels.radiative, gas.count, pos, gas.u, gas.density, rate, dt, *grey, out)
         else:

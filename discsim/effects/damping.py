@@ -24,7 +24,7 @@ from discsim.numerics.totals import rounded
 from discsim.parts import Lazy
 from discsim.physics.centre import kepler_omega
 from discsim.physics.orbits import drift_masses
-from discsim.scene.keys.damping import Keys
+from discsim.scene.keys import Damping as Keys
 from discsim.scene.rules import Draft, Problem
 
 if TYPE_CHECKING:

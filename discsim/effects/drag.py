@@ -25,7 +25,7 @@ from discsim.numerics.totals import mean
 from discsim.parts import LAWS, SCHEMES, Lazy
 from discsim.physics.grains import has_sizes
 from discsim.physics.laws import stopping_times
-from discsim.scene.keys.drag import Keys
+from discsim.scene.keys import Drag as Keys
 from discsim.scene.rules import Draft, Problem, quoted
 
 if TYPE_CHECKING:

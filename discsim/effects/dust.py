@@ -13,8 +13,9 @@ from discsim.numerics.state import State
 from discsim.numerics.threads import parallel_for
 from discsim.parts import LAWS, SCHEMES, Lazy
 from discsim.physics.orbits import drift_masses
-from discsim.scene.keys.dust import Keys, Sizes
-from discsim.scene.rules import Draft, Problem, kinds, quoted
+from discsim.scene.keys import Dust as Keys
+from discsim.scene.keys import Sizes
+from discsim.scene.rules import Draft, Problem, quoted, starts_where
 
 if TYPE_CHECKING:
     from discsim.scene import Scene
@@ -30,7 +31,7 @@ def _edge_problems(draft: Draft) -> Iterator[Problem]:
         for key in ("inner", "outer"):
             if draft.start and not draft.start.edges and getattr(dust, key) is not None:
                 wrong = f'initial.kind = "{draft.kind}" has no radius'
-                words = " or ".join(kinds(lambda start: start.edges))
+                words = " or ".join(starts_where(lambda start: start.edges))
                 yield ("dust", i, key), f"{wrong}; expected {words}, or this key left out"
         if dust.inner is not None and dust.outer is not None and dust.outer <= dust.inner:
             yield ("dust", i, "outer"), "outer is not larger than inner; expected outer > inner"

@@ -9,7 +9,7 @@ import numpy as np
 from discsim.effects import base
 from discsim.numerics.state import State
 from discsim.numerics.totals import total
-from discsim.scene.keys.external import Keys
+from discsim.scene.keys import External as Keys
 
 if TYPE_CHECKING:
     from discsim.scene import Scene

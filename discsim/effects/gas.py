@@ -23,7 +23,7 @@ from discsim.physics import centre, companions, viscosity
 from discsim.physics.eos import eos_of, pressure_and_sound_speed, radius, thermal_speed
 from discsim.physics.local import longest_step, resolution
 from discsim.physics.orbits import drift_masses
-from discsim.scene.keys.gas import Keys
+from discsim.scene.keys import Gas as Keys
 from discsim.scene.rules import Draft, Problem, quoted
 
 if TYPE_CHECKING:

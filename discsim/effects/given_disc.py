@@ -23,7 +23,7 @@ from discsim.physics.centre import central_mass
 from discsim.physics.given_disc import PrescribedDisc
 from discsim.physics.laws import SceneLaw
 from discsim.physics.radiation import gravity_factor
-from discsim.scene.keys.background import Keys
+from discsim.scene.keys import Background as Keys
 from discsim.scene.rules import Draft, Problem, missing_tables, quoted
 
 if TYPE_CHECKING:

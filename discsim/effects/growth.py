@@ -32,7 +32,7 @@ from discsim.parts import LAWS, SCHEMES, Lazy
 from discsim.physics import growth
 from discsim.physics.laws import SceneLaw
 from discsim.scene.fields import Default, Length, Number, Table, Velocity, units_of
-from discsim.scene.keys.dust import Sizes
+from discsim.scene.keys import Sizes
 from discsim.scene.rules import Draft, Problem, missing_tables
 
 if TYPE_CHECKING:

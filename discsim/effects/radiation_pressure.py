@@ -20,7 +20,7 @@ from discsim.numerics.threads import parallel_for
 from discsim.parts import Lazy
 from discsim.physics.orbits import IN_KICKS, star_acts_in_drift
 from discsim.physics.radiation import gravity_factor
-from discsim.scene.keys.radiation_pressure import Keys
+from discsim.scene.keys import RadiationPressure as Keys
 from discsim.scene.rules import Draft, Problem, missing_tables
 
 if TYPE_CHECKING:

@@ -23,8 +23,8 @@ from discsim.effects import base
 from discsim.formulas.smoothing import SMOOTHING
 from discsim.numerics.state import Particles, State
 from discsim.parts import Lazy
-from discsim.scene.keys.self_gravity import Keys
-from discsim.scene.rules import Draft, Problem, kinds, quoted
+from discsim.scene.keys import SelfGravity as Keys
+from discsim.scene.rules import Draft, Problem, quoted, starts_where
 
 if TYPE_CHECKING:
     from discsim.numerics.mesh import Mesh
@@ -68,7 +68,7 @@ def _density_problems(draft: Draft) -> Iterator[Problem]:
         return
     if 1 in start.dimensions and start.boundary == "periodic":  # other rules report the remaining starts
         wrong = f'self-gravity in 1D is for surface densities, but initial.kind "{draft.kind}" has a volume density'
-        words = quoted(kinds(lambda start: start.has_surface_density))
+        words = quoted(starts_where(lambda start: start.has_surface_density))
         yield ("self_gravity",), f"{wrong}; expected initial.kind = {words}, or space.dimensions = 2"
 
 

@@ -32,7 +32,7 @@ from discsim.numerics.threads import parallel_for, parallel_for_ranges
 from discsim.numerics.totals import rounded, totals
 from discsim.parts import Lazy
 from discsim.physics.orbits import Orbits, circular_step_limit, pulling_species, star_acts_in_drift
-from discsim.scene.keys.star import Keys
+from discsim.scene.keys import Star as Keys
 from discsim.scene.rules import Draft, Problem
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from discsim.formulas import laws as formulas
 from discsim.parts import LAWS, Lazy
 from discsim.physics import profile
 from discsim.physics.grains import epstein_stopping_time, mean_free_column, typical_size
-from discsim.scene.rules import Draft, Problem, Rule, kinds, missing_tables, quoted
+from discsim.scene.rules import Draft, Problem, Rule, missing_tables, quoted, starts_where
 
 if TYPE_CHECKING:
     from discsim.scene import Scene
@@ -192,7 +192,7 @@ def _disc_problems(draft: Draft) -> Iterator[Problem]:
     in_a_disc = draft.has("background") or (draft.start and draft.start.reference_density)
     if not (draft.has("star") and in_a_disc):
         wrong = "t_stop = (stokes / Omega) Sigma_ref / Sigma needs a disc about a star"
-        words = quoted(kinds(lambda start: start.reference_density))
+        words = quoted(starts_where(lambda start: start.reference_density))
         yield ("drag", "law"), f"{wrong}; expected initial.kind = {words} or [background], and [star]"
 
 

@@ -26,7 +26,7 @@ from discsim.report import figures
 from discsim.report.totals import totals
 from discsim.scene import Scene, load_scene
 from discsim.scene.units import clock
-from discsim.study.outcomes import chosen, found_in
+from discsim.study.outcomes import read_results, select_outcomes
 from discsim.userfiles import read_text
 from discsim.version import __version__
 
@@ -94,8 +94,8 @@ def _fact_rows(scene: Scene, rows: list[dict[str, str]]) -> Iterator[tuple[str, 
 
 
 def _outcome_rows(directory: Path, scene: Scene) -> list[tuple[str, str]]:
-    wanted = chosen(scene)
-    values = found_in(directory, scene, wanted).values
+    wanted = select_outcomes(scene)
+    values = read_results(directory, scene, wanted).values
     return [(each.head, f"{values[each.name]:.4g}") for each in wanted]
 
 

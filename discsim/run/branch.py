@@ -19,7 +19,7 @@ from discsim.printable import UserError, printable, printable_lines
 from discsim.scene import Scene, load_scene
 from discsim.scene.differences import differences
 from discsim.scene.messages import value_at
-from discsim.scene.reading import parsed, read
+from discsim.scene.reading import parse_scene, read_scene_text
 
 
 class BranchError(UserError):
@@ -78,7 +78,7 @@ def _initial_table(path: Path, file: str, refers: bool) -> str:
     laws, which is then copied.
     """
     entries: dict[str, Any] = {"kind": KIND, "file": file, "keep_time": True}
-    was = value_at(parsed(path, read(path)), "initial") or {}
+    was = value_at(parse_scene(path, read_scene_text(path)), "initial") or {}
     radius = was.get("reference_radius", was.get("radius"))  # a ring refers to its own radius
     if refers and radius is not None:
         entries["reference_radius"] = radius

@@ -42,7 +42,7 @@ from discsim.run.records import Records
 from discsim.run.shown import columns, with_present_pressure
 from discsim.run.simulation import PhysicsError, Simulation
 from discsim.scene import Scene
-from discsim.scene.differences import refuse_another
+from discsim.scene.differences import refuse_changed_scene
 from discsim.scene.fields import MAX_SNAPSHOTS
 from discsim.scene.units import clock
 from discsim.userfiles import TOO_MANY_OPEN, system_message
@@ -202,7 +202,7 @@ class Run:
         """
         if not ended_before_checkpoint(self.directory):
             return True
-        refuse_another(self.directory / "scene.toml", read_scene_file(self.directory), self.scene)
+        refuse_changed_scene(self.directory / "scene.toml", read_scene_file(self.directory), self.scene)
         self.progress.say(f"{self.directory}: no checkpoint was written yet; the run restarts from the beginning")
         return False
 
@@ -213,7 +213,7 @@ class Run:
         Raises SceneError if the checkpoint is of another scene.
         """
         groups, values = self.checkpoints.newest()
-        refuse_another(self.checkpoints.chosen, groups["scene"]["text"].tobytes(), self.scene)
+        refuse_changed_scene(self.checkpoints.chosen, groups["scene"]["text"].tobytes(), self.scene)
         reached = values.number("time")
         self.snapshots, self.put_out = values.whole("snapshots", 1, MAX_SNAPSHOTS), values.number("put_out")
         if self.put_out > reached:

@@ -47,7 +47,7 @@ from discsim.run.start import Begun, begin
 from discsim.run.timestep import next_step
 from discsim.run.watch import Watch
 from discsim.scene import Scene, SceneError, load_scene
-from discsim.scene.differences import refuse_another
+from discsim.scene.differences import refuse_changed_scene
 from discsim.scene.summary import Rows, Summarised
 from discsim.scene.units import Units
 
@@ -464,7 +464,7 @@ class Simulation(Summarised):
         """
         self._refuse_while_read()
         groups, values = read_checkpoint(path, share)
-        refuse_another(path, groups["scene"]["text"].tobytes(), self.scene)
+        refuse_changed_scene(path, groups["scene"]["text"].tobytes(), self.scene)
         try:
             found = restored(self.state, self.effects, groups, values)
         except EntryError as fault:

@@ -12,8 +12,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-# Environment variables that name the configuration directory, and paths in the home directory that are searched
-# without these variables.
+# Environment variables that name the configuration directory, and the paths in the home directory that astropy searches
+# if these variables are not set.
 CONFIG_VARIABLES = ("ASTROPY_CONFIG_DIR", "XDG_CONFIG_HOME")
 CONFIG_PATHS = ("", ".config", ".config/astropy", ".astropy", ".astropy/config")
 

@@ -23,7 +23,7 @@ import numpy as np
 from pydantic import BeforeValidator, ValidationInfo
 
 from discsim.scene.fields import LARGEST, AllowedValues, InputFile, fault, units_of
-from discsim.scene.units import UnitError, Units, clipped
+from discsim.scene.units import UnitError, Units, astropy, clipped
 from discsim.userfiles import read_text, system_message
 
 Array = np.ndarray
@@ -41,10 +41,10 @@ COLUMN = re.compile(r"([A-Za-z_]\w*)(?:\s*[\[(]([^\])]*)[\])])?[\s,]*")
 
 @dataclass(frozen=True)
 class Columns(InputFile):
-    """A disc read from a text file: the columns (n,) by name, at radii r that increase, in code units.
+    """A disc read from a text file: arrays (n,) of its columns by name, in code units; the radii r increase.
 
-    kelvin: whether T is in kelvin; if not, T is c_s^2 in code units. Files with the same content compare equal; their
-    paths may differ.
+    kelvin: whether T is in kelvin; if not, T is c_s^2 in code units. Two files are equal if their contents are equal;
+    their paths may differ.
     """
 
     values: dict[str, Array] = field(default_factory=dict, compare=False, repr=False)
@@ -54,28 +54,31 @@ class Columns(InputFile):
 
     @property
     def inner(self) -> float:
+        """The smallest radius."""
         return float(self.values["r"][0])
 
     @property
     def outer(self) -> float:
+        """The largest radius."""
         return float(self.values["r"][-1])
 
     def has(self, name: str) -> bool:
+        """Return whether the file has the column `name`."""
         return name in self.values
 
     @property
     def uneven(self) -> bool:
-        """True if gas particles have different masses, because the resolution varies with radius."""
+        """True if the resolution varies with radius, so that gas particles have different masses."""
         return self.has("resolution") and np.ptp(self.values["resolution"]) > 0.0
 
     def value(self, name: str, r: Array) -> Array:
-        """Return the column "Sigma", "T" or "resolution" (n,) at the radii `r` (n,) > 0."""
+        """Return the column `name` (n,), "Sigma", "T" or "resolution", at the radii `r` (n,) > 0."""
         x, within = self._log_radii(r)
         curve, slope = self._curves[name]
         return np.exp(curve(within) + slope(within) * (x - within))
 
     def slope(self, name: str, r: Array) -> Array:
-        """Return d ln(column) / d ln r (n,) of "Sigma", "T" or "resolution" at the radii `r` (n,) > 0."""
+        """Return d ln(column) / d ln r (n,) of the column `name`, as in `value`, at the radii `r` (n,) > 0."""
         return self._curves[name][1](self._log_radii(r)[1])
 
     def ratio(self, r: Array) -> Array:
@@ -89,19 +92,17 @@ class Columns(InputFile):
         """
         if not self.kelvin:
             return self.value("T", r)
-        from discsim.scene.astropy_units import constants
-
-        molecule = weight * (constants.m_p + constants.m_e).cgs.value
-        return self.value("T", r) * (constants.k_B.cgs.value / molecule / velocity**2)
+        molecule = weight * (astropy.constants.m_p + astropy.constants.m_e).cgs.value
+        return self.value("T", r) * (astropy.constants.k_B.cgs.value / molecule / velocity**2)
 
     def _log_radii(self, r: Array) -> tuple[Array, Array]:
-        """Return ln r (n,), and ln r (n,) clipped to the radii of the table."""
+        """Return ln r (n,), and ln r (n,) limited to the range of radii of the table."""
         x, log = np.log(np.maximum(r, 1e-300)), np.log(self.values["r"])
         return x, np.clip(x, log[0], log[-1])
 
     @cached_property
     def _curves(self) -> dict[str, Any]:
-        """A pair (cubic, its derivative) for ln Sigma, ln T and ln resolution as functions of ln r, by column name."""
+        """By column name: the cubic for ln Sigma, ln T or ln resolution as a function of ln r, and its derivative."""
         from scipy.interpolate import PchipInterpolator  # slow to import
 
         log = np.log(self.values["r"])
@@ -110,6 +111,7 @@ class Columns(InputFile):
 
 
 def _read_columns(value: Any, info: ValidationInfo) -> Columns | None:
+    """Read the file that `value` names; return None for None. Raises a `fault` for a file that is no such table."""
     if value is None:
         return None
     found = InputFile.read(value, info, MAX_TABLE_BYTES)
@@ -136,17 +138,20 @@ ColumnsFile = Annotated[
 
 
 class _RowError(Exception):
-    """Error for a fault of the file; the message begins with the line number, if it has one."""
+    """A fault of the file. The message follows the path of the file: ":12: ..." with a line number, or ": ..."."""
 
 
 def _expected_header(units: Units) -> str:
-    return (
-        f"a header like {'# r  Sigma  T  ratio' if units.system == 'code' else '# r [au]  Sigma [g/cm2]  T [K]  ratio'}"
-    )
+    """Return a description of the header, for messages."""
+    example = "# r  Sigma  T  ratio" if units.system == "code" else "# r [au]  Sigma [g/cm2]  T [K]  ratio"
+    return f"a header like {example}"
 
 
 def _parse_header(lines: list[tuple[int, str]], units: Units) -> tuple[list[str], list[float]]:
-    """Return the names of the columns, and the factors that convert their numbers to code units."""
+    """Return the names of the columns, and the factors that convert their numbers to code units. Raises _RowError.
+
+    lines: (line number, text) of every line of the file that is not blank; the first one is the header.
+    """
     if not lines:
         raise _RowError(f": empty; expected {_expected_header(units)}, and rows of numbers below")
     number, line = lines[0]
@@ -173,7 +178,10 @@ def _parse_header(lines: list[tuple[int, str]], units: Units) -> tuple[list[str]
 
 
 def _unit_factor(name: str, unit: str, units: Units) -> float:
-    """Return the unit of the column `name` in code units; 1 for T, which stays in kelvin. Raises UnitError."""
+    """Return the factor from `unit` to code units for the column `name`; 1 for T, which stays in kelvin.
+
+    Raises UnitError.
+    """
     if units.system == "code" or name in UNITLESS:
         if unit not in ("", "1"):
             raise UnitError(f'"{clipped(unit)}" is a unit, but {UNITLESS.get(name, "the scene")} has none')
@@ -188,9 +196,9 @@ def _unit_factor(name: str, unit: str, units: Units) -> float:
 
 
 def _parse_row(number: int, line: str, names: list[str]) -> tuple[int, list[float]]:
-    entries = line.partition("#")[0].replace(",", " ").split()
+    """Return the line number, and the numbers in the line, one per column. Raises _RowError."""
     row = []
-    for entry in entries:
+    for entry in line.partition("#")[0].replace(",", " ").split():
         try:
             row.append(float(entry))
         except ValueError:
@@ -201,6 +209,7 @@ def _parse_row(number: int, line: str, names: list[str]) -> tuple[int, list[floa
 
 
 def _check_rows(names: list[str], rows: list[tuple[int, list[float]]], factors: list[float]) -> None:
+    """Raise _RowError for too few rows, a number out of range, radii that do not increase, or only zero ratios."""
     if len(rows) < 2:
         raise _RowError(f": {len(rows)} rows; expected at least two, from the inner to the outer edge")
     before = 0.0
@@ -212,9 +221,8 @@ def _check_rows(names: list[str], rows: list[tuple[int, list[float]]], factors: 
                 raise _RowError(f":{number}: {name} = {entry:g} is out of range; expected {words}")
         r = row[names.index("r")]
         if r <= before:
-            raise _RowError(
-                f":{number}: r = {r:g} is not larger than {before:g} of the previous row; expected increasing radii"
-            )
+            wrong = f"r = {r:g} is not larger than {before:g} of the previous row"
+            raise _RowError(f":{number}: {wrong}; expected increasing radii")
         before = r
     if "ratio" in names and not any(row[names.index("ratio")] > 0.0 for _, row in rows):
         raise _RowError(": the ratio is 0 everywhere; expected a positive ratio somewhere, or no column ratio")

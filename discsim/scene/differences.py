@@ -12,16 +12,16 @@ from pydantic import BaseModel
 from discsim.scene import Scene, SceneError, load_scene
 from discsim.scene.units import Units
 
-# Keys that may change when a run is resumed.
+# Keys that may differ when a run is resumed.
 FREE_TO_CHANGE = (
     "title", "run.until", "run.snapshots", "run.every", "run.threads", "run.checkpoint_every", "run.walltime",
 )  # fmt: skip
 
 
-def refuse_another(path: str | Path, text: bytes, now: Scene) -> None:
-    """Raise SceneError if a run cannot be resumed, because its scene differs from the scene `now`.
+def refuse_changed_scene(path: str | Path, text: bytes, now: Scene) -> None:
+    """Raise SceneError if a run cannot be resumed with the scene `now`, because its own scene differs.
 
-    path, text: file with the scene of the run, and its content.
+    path: file with the run's own scene. text: content of this file.
     """
     try:
         before = load_scene(tomllib.loads(text.decode()), own_particles=now.initial is None, folder=Path(path).parent)
@@ -32,13 +32,13 @@ def refuse_another(path: str | Path, text: bytes, now: Scene) -> None:
     changed = [key for key in differences(before, now) if key not in FREE_TO_CHANGE]
     if changed:
         wrong = f"the scene differs from that of the run in {', '.join(changed)}"
-        raise SceneError([f"{path}: {wrong}; expected no differences except in {', '.join(FREE_TO_CHANGE)}"])
+        raise SceneError([f"{path}: {wrong}; expected differences only in {', '.join(FREE_TO_CHANGE)}"])
 
 
 def differences(before: Any, now: Any, name: str = "") -> Iterator[str]:
-    """Yield the dotted names of the keys in which two scenes differ.
+    """Yield the dotted names of the keys in which two scenes, or two parts of scenes, differ.
 
-    A table that only one of the scenes has counts as one key. name: dotted name of `before` and `now` in their scenes.
+    A table that only one of the scenes has counts as one key. name: dotted name of the parts `before` and `now`.
     """
     parts, others = _entries(before), _entries(now)
     if parts is None or others is None or type(before) is not type(now):
@@ -50,7 +50,7 @@ def differences(before: Any, now: Any, name: str = "") -> Iterator[str]:
 
 
 def _entries(value: Any) -> dict[str, Any] | None:
-    """Return the entries of a scene, a table, units or a tuple of tables, by name; None for a plain value."""
+    """Return the entries by name of a scene, a table, units or a tuple of tables; None for a plain value."""
     if isinstance(value, Scene):
         return {name: entry for name, entry in value if name not in ("text", "path", "others")} | value.others
     if isinstance(value, BaseModel):

@@ -1,7 +1,7 @@
-"""Types of the values in a scene, with dimensions, limits and descriptions of defaults.
+"""Types of the keys of a scene, with their dimensions, limits and descriptions of defaults.
 
-The `Measure` of a field names its dimension. Validation converts texts such as "0.6 au" to floats in code units; the
-validation context contains the `Units` of the scene. All tables are frozen.
+The `Measure` of a key names its dimension. Validation converts texts such as "0.6 au" to floats in code units. The
+validation context of pydantic, `info.context`, has the `Units` of the scene, and the folder of the scene file.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import errno
 import hashlib
 import math
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
@@ -35,7 +35,7 @@ def fault(message: str) -> PydanticCustomError:
 
 
 def number(value: Any) -> float:
-    """Return a plain number as a float. Raises a `fault` for any other value, and for numbers beyond LARGEST."""
+    """Return a plain number as a float. Raises a `fault` for other values, and for numbers out of range (LARGEST)."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise fault(f"{shown(value)} is not a number; expected a plain number, without unit or quotes")
     try:
@@ -48,7 +48,7 @@ def number(value: Any) -> float:
 def _check_range(value: float, text: str) -> float:
     """Return `value`. Raises a `fault` unless it is 0, or its magnitude is from 1/LARGEST to LARGEST.
 
-    text: the value in the message.
+    text: `value` as the message writes it.
     """
     if not math.isfinite(value):
         raise fault(f"{text} is not a finite number")
@@ -60,12 +60,13 @@ def _check_range(value: float, text: str) -> float:
 
 
 def units_of(info: ValidationInfo) -> Units:
+    """Return the units of the scene that pydantic validates."""
     assert info.context is not None
     return info.context["units"]
 
 
 def shown(value: Any) -> str:
-    """Return the text of a value in TOML, shortened if it is long, for messages."""
+    """Return a value as messages show it: as in TOML, and shortened if it is long."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, str):
@@ -78,25 +79,25 @@ def shown(value: Any) -> str:
 
 @dataclass(frozen=True)
 class Default:
-    """Text that describes a default which depends on other keys or on the computer."""
+    """Description of a default that depends on other keys or on the computer, for the reference of keys."""
 
     words: str
 
 
 @dataclass(frozen=True)
 class AllowedValues:
-    """Text that describes the allowed values of a key, if its type does not say them."""
+    """Description of the allowed values of a key whose type does not show them, for the reference of keys."""
 
     words: str
 
 
 @dataclass(frozen=True)
 class Measure:
-    """Physical dimension of a key.
+    """Physical dimension of a key, and the conversion of its value to code units.
 
     name: a dimension of `discsim.scene.units`, or "" for plain numbers. vector: whether the value is a tuple, with one
-    float per dimension of space. whole: whether only whole numbers are allowed. words: texts that are allowed in place
-    of a quantity.
+    float per dimension of space. whole: whether the components of a vector must be whole numbers. words: texts that are
+    allowed in place of a quantity.
     """
 
     name: str = ""
@@ -109,6 +110,7 @@ class Measure:
         return core_schema.with_info_before_validator_function(read, handler(source))
 
     def _float(self, value: Any, info: ValidationInfo) -> Any:
+        """Return a quantity in code units; None and the texts `words` are returned unchanged."""
         if value is None or (isinstance(value, str) and value in self.words):
             return value
         units = units_of(info)
@@ -119,48 +121,56 @@ class Measure:
                 )
             return number(value)
         gamma = info.data.get("gamma", 2.0)  # validated earlier, as a key of the same table
+        or_words = "".join(f', or "{word}"' for word in self.words)
         if isinstance(value, str):
             try:
                 return _check_range(units.parse(value, self.name, gamma), shown(value))
             except UnitError as error:
-                also = "".join(f', or "{word}"' for word in self.words)
-                raise fault(f"{error}{also}") from error
-        words = units.expected(self.name, gamma) + "".join(f', or "{word}"' for word in self.words)
+                raise fault(f"{error}{or_words}") from error
+        expected = units.expected(self.name, gamma) + or_words
         if isinstance(value, int | float) and not isinstance(value, bool):
-            raise fault(f"{shown(value)} has no unit; {words.replace(', like', ' needs a unit, like')}")
-        raise fault(f"{shown(value)} is not a quantity; expected {words}")
+            raise fault(f"{shown(value)} has no unit; {expected.replace(', like', ' needs a unit, like')}")
+        raise fault(f"{shown(value)} is not a quantity; expected {expected}")
 
     def _vector(self, value: Any, info: ValidationInfo) -> tuple[float, ...]:
-        """Return the components of a vector, one per dimension of space; a scalar is the x component."""
-        dimensions = units_of(info).dimensions
-        is_list = isinstance(value, list | tuple)
-        if is_list and len(value) != dimensions:
-            raise fault(f"{shown(list(value))} has {len(value)} entries; expected {dimensions}, one per dimension")
+        """Return a vector in code units, one component per dimension of space; a scalar is the x component."""
         if value == 0 and not isinstance(value, bool):  # zero, the default, needs no unit
-            return (0.0,) * dimensions
-        read = [self._float(entry, info) or 0.0 for entry in (value if is_list else [value])]
-        read += [0.0] * (dimensions - len(read))
+            return (0.0,) * units_of(info).dimensions
+        entries = _one_per_dimension(value, info) if isinstance(value, list | tuple) else [value]
+        read = [self._float(entry, info) or 0.0 for entry in entries]
+        read += [0.0] * (units_of(info).dimensions - len(read))
         if self.whole and any(entry != int(entry) for entry in read):
             raise fault(f"{shown(value)} is not made of whole numbers")
         return tuple(read)
 
 
-def whole(value: Any) -> Any:
+def _one_per_dimension(value: Sequence[Any], info: ValidationInfo) -> Sequence[Any]:
+    """Return `value`. Raises a `fault` unless it has one entry per dimension of space."""
+    dimensions = units_of(info).dimensions
+    if len(value) != dimensions:
+        raise fault(f"{shown(list(value))} has {len(value)} entries; expected {dimensions}, one per dimension")
+    return value
+
+
+def whole_number(value: Any) -> int:
+    """Return a whole number as an int. Raises a `fault` for any other value."""
     read = number(value)
     if read != int(read):
         raise fault(f"{shown(value)} is not a whole number")
     return int(read)
 
 
-def _particles(value: Any) -> Any:
-    read = whole(value)
+def _read_particles(value: Any) -> int:
+    """Return a number of particles. Raises a `fault` unless it is a whole number from 1 to MAX_PARTICLES."""
+    read = whole_number(value)
     if not 1 <= read <= MAX_PARTICLES:
         wrong = "is too large" if read > 1 else "is too small"
         raise fault(f"{shown(value)} {wrong}; expected a number of particles from 1 to 1e10")
     return read
 
 
-def _seconds(value: Any) -> Any:
+def _read_seconds(value: Any) -> float:
+    """Return the seconds of a wall-clock time such as "10 min". Raises a `fault` for any other value."""
     if not isinstance(value, str):
         raise fault(f'{shown(value)} is not a wall-clock time; expected one in quotes, like "10 min"')
     try:
@@ -169,8 +179,8 @@ def _seconds(value: Any) -> Any:
         raise fault(str(error)) from error
 
 
-def _orbits(value: Any) -> Any:
-    """Return the number of orbits of a number or a text like "2 orbits". Raises a `fault` for any other value."""
+def _read_orbits(value: Any) -> float:
+    """Return the number of orbits that a value means, such as 2 or "2 orbits". Raises a `fault` for any other value."""
     if not isinstance(value, str):
         return number(value)
     words = value.split()
@@ -178,25 +188,21 @@ def _orbits(value: Any) -> Any:
         if len(words) != 2 or words[1] not in ("orbit", "orbits"):
             raise ValueError
         return number(float(words[0]))
-    except ValueError:
+    except ValueError:  # also the fault of `number`
         raise fault(f'{shown(value)} is not a number of orbits; expected one like 2 or "2 orbits"') from None
 
 
-def sides(value: Any, info: ValidationInfo) -> Any:
-    """Return the sides of space as a list, one per dimension; a single number is the side of a square."""
-    dimensions = units_of(info).dimensions
-    if not isinstance(value, list | tuple):
-        return [value] * dimensions
-    if len(value) != dimensions:
-        raise fault(f"{shown(list(value))} has {len(value)} entries; expected {dimensions}, one per dimension")
-    return value
+def sides_of_space(value: Any, info: ValidationInfo) -> Sequence[Any]:
+    """Return the values of the sides of space, one per dimension; a single value is the side of a square."""
+    is_list = isinstance(value, list | tuple)
+    return _one_per_dimension(value if is_list else [value] * units_of(info).dimensions, info)
 
 
 Number = Annotated[float, Measure()]
-Count = Annotated[int, BeforeValidator(whole)]
-Particles = Annotated[int, BeforeValidator(_particles)]
-Seconds = Annotated[float, Field(gt=0), BeforeValidator(_seconds)]
-Orbits = Annotated[float, BeforeValidator(_orbits), AllowedValues("number of orbits")]
+Count = Annotated[int, BeforeValidator(whole_number)]
+Particles = Annotated[int, BeforeValidator(_read_particles)]
+Seconds = Annotated[float, Field(gt=0), BeforeValidator(_read_seconds)]
+Orbits = Annotated[float, BeforeValidator(_read_orbits), AllowedValues("number of orbits")]
 Length = Annotated[float, Measure("length")]
 Mass = Annotated[float, Measure("mass")]
 Time = Annotated[float, Measure("time")]
@@ -210,9 +216,9 @@ AccelerationVector = Annotated[tuple[float, ...], Measure("acceleration", vector
 
 @dataclass(frozen=True)
 class InputFile:
-    """A file named in a scene, with the SHA-256 digest of its content.
+    """A file that a scene names, with the SHA-256 digest of its content.
 
-    Files with the same content compare equal; their paths may differ.
+    Two files are equal if their contents are equal; their paths may differ.
     """
 
     path: Path = field(compare=False)
@@ -222,44 +228,42 @@ class InputFile:
         return f'"{printable(self.path.name)}"'
 
     @classmethod
-    def read(cls, value: Any, info: ValidationInfo, most: float = math.inf) -> InputFile:
-        """Return the plain file that `value` names, relative to the scene's folder.
+    def read(cls, value: Any, info: ValidationInfo, max_bytes: float = math.inf) -> InputFile:
+        """Return the file that `value` names by a path relative to the scene's folder.
 
-        Raises a `fault` if the file cannot be read or has more than `most` bytes.
+        Raises a `fault` if this is not a plain file that can be read, or if it has more than `max_bytes` bytes.
         """
         if not isinstance(value, str) or not value:
             raise fault(f'{shown(value)} is not a file name; expected one in quotes, like "profile.txt"')
         try:
             path = (info.context or {}).get("folder", Path()) / Path(value).expanduser()
             with open_plain(path) as file:
-                if os.fstat(file.fileno()).st_size > most:
-                    raise OSError(errno.EFBIG, f"is larger than {most / 2**20:.3g} MiB")
+                if os.fstat(file.fileno()).st_size > max_bytes:
+                    raise OSError(errno.EFBIG, f"is larger than {max_bytes / 2**20:.3g} MiB")
                 return cls(path.absolute(), hashlib.file_digest(file, "sha256").hexdigest())
         except OSError as error:
             where, reason = str(path), error.strerror or str(error)
         except (ValueError, RuntimeError) as error:  # an invalid file name, or a user without a home directory
             where, reason = "", str(error)
         begins = f"{shown(value)}: {where}: " if where else f"{shown(value)}: "
-        raise fault(
-            f"{begins}{reason[:1].lower()}{reason[1:]}; expected a readable file; its path is relative to the "
-            "scene file"
-        )
+        wrong = f"{begins}{reason[:1].lower()}{reason[1:]}"
+        raise fault(f"{wrong}; expected a readable file; its path is relative to the scene file")
 
 
 class Table(BaseModel):
-    """Base class of the tables of a scene: frozen, and unknown keys are errors."""
+    """Base class of the tables of a scene: tables are frozen, and unknown keys are errors."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
 def kinds_of(parts: Iterable[Any]) -> Any:
-    """Return the type of a table of several kinds: the key `kind` selects one of the models `part.keys`."""
+    """Return the type of a table whose key `kind` selects one of the table models `part.keys` of `parts`."""
     models = tuple(part.keys for part in parts)
     return Annotated[Union[models], Field(discriminator="kind")]  # noqa: UP007 - the members are known at run time only
 
 
-def or_table(value: Any, table: type[Table]) -> Any:
-    """Return the type of a key that accepts either a `value` or a `table`."""
+def value_or_table(value: Any, table: type[Table]) -> Any:
+    """Return the type of a key that accepts a value of the type `value`, or a `table`."""
     tagged = Annotated[value, Tag("#value")] | Annotated[table, Tag("#table")]  # type: ignore[valid-type]
     return Annotated[tagged, Discriminator(lambda given: "#table" if isinstance(given, dict | table) else "#value")]
 
@@ -270,14 +274,14 @@ def word_of(names: Iterable[str]) -> Any:
 
 
 def models_in(annotation: Any) -> list[type[Table]]:
-    """Return the table models in a type: for a union, the models of all members."""
+    """Return the table models in a type; the members of a union are searched too."""
     if isinstance(annotation, type) and issubclass(annotation, Table):
         return [annotation]
     return [model for part in get_args(annotation) for model in models_in(part)]
 
 
 def measure_of(field: Any) -> Measure | None:
-    """Return the `Measure` of a key, from its metadata or from its annotation; None if the key has no Measure."""
+    """Return the `Measure` of a pydantic field, from its metadata or its annotation; None if the field has none."""
 
     def search(part: Any) -> Any:
         found = [entry for entry in getattr(part, "__metadata__", ()) if isinstance(entry, Measure)]
@@ -288,7 +292,7 @@ def measure_of(field: Any) -> Measure | None:
 
 
 def choices_in(annotation: Any) -> list[Any]:
-    """Return the values that the Literals in a type allow."""
+    """Return all values that the Literals in a type allow."""
     if get_origin(annotation) is Literal:
         return list(get_args(annotation))
     return [choice for part in get_args(annotation) for choice in choices_in(part)]

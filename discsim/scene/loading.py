@@ -1,7 +1,7 @@
 """Loading of scenes: from TOML text or a dict to a validated, frozen `Scene` in code units.
 
-All faults that validation finds are reported together; each message has the file, line and key. An effect runs if its
-table is present.
+All faults that validation finds are reported together; each message has the file, line and key. An effect runs if the
+scene has its table.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from discsim.scene.messages import (
     Origins,
     SceneError,
     drop_secondary_errors,
-    fault_from_error,
     message,
     near,
     nearest,
+    problem_from_error,
     value_at,
 )
-from discsim.scene.overrides import changed
-from discsim.scene.reading import parsed, plain, read, refuse_deep
+from discsim.scene.overrides import apply_options
+from discsim.scene.reading import parse_scene, read_scene_text, refuse_deep, to_toml_types
 from discsim.scene.rules import Draft, Problem, broken_rules
 from discsim.scene.summary import Rows, Summarised
 from discsim.scene.tables import COURANT, COURANT_OF_DISCS, REQUIRED, TABLES, optional_tables
@@ -38,21 +38,14 @@ from discsim.scene.units import UnitError, Units
 
 if TYPE_CHECKING:
     from discsim.effects.models import GasModel
-    from discsim.scene.keys.alpha_viscosity import Keys as AlphaViscosity
-    from discsim.scene.keys.background import Keys as Background
-    from discsim.scene.keys.companion import Keys as Companion
-    from discsim.scene.keys.cooling import Keys as Cooling
-    from discsim.scene.keys.damping import Keys as Damping
-    from discsim.scene.keys.drag import Keys as Drag
-    from discsim.scene.keys.dust import Keys as Dust
-    from discsim.scene.keys.external import Keys as External
-    from discsim.scene.keys.gas import Keys as Gas
-    from discsim.scene.keys.radiation_pressure import Keys as RadiationPressure
-    from discsim.scene.keys.self_gravity import Keys as SelfGravity
-    from discsim.scene.keys.star import Keys as Star
-else:  # an effect is imported only if the scene has its table
-    AlphaViscosity = Background = Companion = Cooling = Damping = Drag = Dust = External = Gas = Any
-    RadiationPressure = SelfGravity = Star = Any
+    from discsim.scene import keys
+else:  # an effect and its keys are imported only if the scene has its table
+
+    class keys:  # noqa: N801 - stands for the module
+        """Types of the tables at run time, when pydantic does not check them again."""
+
+        Gas = Background = Dust = Drag = SelfGravity = Star = Companion = RadiationPressure = External = Any
+        Cooling = Damping = AlphaViscosity = Any
 
 
 __all__ = ["Scene", "SceneError", "load_scene", "near"]
@@ -92,19 +85,19 @@ class Scene(Summarised, BaseModel):
     run: tables.Run
     space: tables.Space
     initial: Any = None
-    gas: Gas | None = None
-    background: Background | None = None
-    dust: tuple[Dust, ...] | None = None
-    drag: Drag | None = None
-    self_gravity: SelfGravity | None = None
-    star: Star | None = None
-    companion: tuple[Companion, ...] | None = None
-    radiation_pressure: RadiationPressure | None = None
-    external: External | None = None
-    cooling: Cooling | None = None
-    damping: Damping | None = None
-    alpha_viscosity: AlphaViscosity | None = None
-    others: dict[str, Any] = {}  # effects without an attribute here, among them those of other packages
+    gas: keys.Gas | None = None
+    background: keys.Background | None = None
+    dust: tuple[keys.Dust, ...] | None = None
+    drag: keys.Drag | None = None
+    self_gravity: keys.SelfGravity | None = None
+    star: keys.Star | None = None
+    companion: tuple[keys.Companion, ...] | None = None
+    radiation_pressure: keys.RadiationPressure | None = None
+    external: keys.External | None = None
+    cooling: keys.Cooling | None = None
+    damping: keys.Damping | None = None
+    alpha_viscosity: keys.AlphaViscosity | None = None
+    others: dict[str, Any] = {}  # effects without an attribute, and effects of other packages
     text: str
     path: Path | None = None
 
@@ -118,14 +111,14 @@ class Scene(Summarised, BaseModel):
 
     @property
     def model(self) -> GasModel:
-        """The gas model: the first one of `discsim.parts.MODELS` that fits the scene."""
+        """The gas model: the first of `discsim.parts.MODELS` that applies to the scene."""
         return next(model for model in map(import_object, MODELS) if model.applies_to(self))
 
     @property
     def effects(self) -> tuple[str, ...]:
         """The names of the effects that run, in the order of a step.
 
-        An optional part of an effect follows its table, for example "gas.viscosity".
+        An optional table of an effect follows the effect under its full name, for example "gas.viscosity".
         """
         names: list[str] = []
         for name in self.named:
@@ -145,7 +138,7 @@ class Scene(Summarised, BaseModel):
 
     @property
     def facts(self) -> list[tuple[str, str]]:
-        """Rows (name, value) of the summary: end time, space, start, particle numbers and effects."""
+        """The rows (name, value) of the summary: end time, space, start, particle numbers and effects."""
         size = " x ".join(self.units.show(side, "length") for side in self.space.size)
         rows = [("until", self.units.show_time(self.run.until)), ("space", f"{size}, {self.space.boundary}")]
         rows += [("starts as", self.initial.kind)] if self.initial is not None else []
@@ -205,14 +198,14 @@ def load_scene(
     """
     if isinstance(source, dict):
         refuse_deep(source, "scene")
-        path, text, data = None, "", plain(source)
+        path, text, data = None, "", to_toml_types(source)
     else:
         path = Path(source)
-        text = read(path)
-        data = parsed(path, text)
+        text = read_scene_text(path)
+        data = parse_scene(path, text)
         refuse_deep(data, f"{path}:1")
     origins = Origins(path, text)
-    values, removed, problems = changed(data, overrides, without, origins)
+    values, removed, problems = apply_options(data, overrides, without, origins)
     found, faults = _validate(data, own_particles, folder or (path.parent if path else Path()))
     problems += [message(fault, origins) for fault in faults]
     if problems:
@@ -229,7 +222,7 @@ def load_scene(
     scene = Scene(**found, text=text, path=path)
     start = None if scene.initial is None else STARTS[scene.initial.kind]
     if start is not None and start.problems is not None:
-        problems = [message(_as_in_scene(fault, data), origins) for fault in start.problems(scene)]
+        problems = [message(_with_path_in_scene(fault, data), origins) for fault in start.problems(scene)]
         if problems:
             raise SceneError(problems)
     return scene
@@ -244,7 +237,7 @@ def files_of(tables: Mapping[str, Any]) -> Iterator[tuple[str, str, InputFile]]:
 
 
 def _validate(data: dict[str, Any], own_particles: bool, folder: Path) -> tuple[dict[str, Any], list[Problem]]:
-    """Validate `data`. Return the valid fields of a Scene by name, and all faults."""
+    """Validate the tables `data`. Return the attributes of a Scene that are valid, by name, and all problems."""
     unknown = [name for name in data if name not in TABLES and name != "title"]
     faults: list[Problem] = [
         ((name,), f"unknown table; expected one of {', '.join(TABLES)}{near(name, _table_names())}") for name in unknown
@@ -256,7 +249,7 @@ def _validate(data: dict[str, Any], own_particles: bool, folder: Path) -> tuple[
     meant = {nearest(name, _table_names()) or "": None for name in unknown}
     required = [name for name in REQUIRED if not own_particles or name != "initial"]
     missing = [name for name in required if name not in data and name not in meant]
-    faults += [((), f"missing table [{name}]; expected one") for name in missing]
+    faults += [((), f"missing table [{name}]; add it") for name in missing]
     units, unit_faults = _read_units(data)
     faults += unit_faults
     found: dict[str, Any] = {}
@@ -269,24 +262,22 @@ def _validate(data: dict[str, Any], own_particles: bool, folder: Path) -> tuple[
                 del found[name]
             elif name == "initial":
                 _set_particle_counts(filled, getattr(found[name], "counts", {}))
-    faults += [_as_in_scene(fault, data) for fault in broken_rules(Draft({**meant, **data}, found))]
+    faults += [_with_path_in_scene(fault, data) for fault in broken_rules(Draft({**meant, **data}, found))]
     others = {name: found.pop(name) for name in list(found) if name not in Scene.model_fields}
     return {"title": printable(title), "units": units, "others": others, **found}, faults
 
 
 def _table_names() -> list[str]:
-    """Return the names of tables with which a mistyped table name is compared."""
+    """Return the names of tables that a mistyped table name may mean."""
     return [*TABLES, "gas.eos", "gas.viscosity", "gas.conductivity"]
 
 
 def _read_units(data: dict[str, Any]) -> tuple[Units, list[Problem]]:
-    """Return the units of a scene and their faults. Faulty units are replaced by defaults, to validate other tables."""
-    space = data.get("space")
-    dimensions = 1 if isinstance(space, dict) and space.get("dimensions") == 1 else 2
+    """Return the units of a scene, and their problems. Defaults replace faulty units, to validate other tables."""
+    dimensions = _dimensions(data)
     table, faults = _validate_table("units", data.get("units", {}), data.get("units", {}), Units())
     if table is None:
-        given = data.get("units")
-        code = isinstance(given, dict) and given.get("system") == "code"
+        code = value_at(data, "units", "system") == "code"
         return Units("code" if code else "physical", dimensions), faults
     written = {name: getattr(table, name) for name in ("length", "mass") if name in table.model_fields_set}
     for name, text in written.items():
@@ -301,13 +292,17 @@ def _read_units(data: dict[str, Any]) -> tuple[Units, list[Problem]]:
     return Units(table.system, dimensions, table.length, table.mass), faults
 
 
+def _dimensions(data: dict[str, Any]) -> int:
+    """Return the dimensions of space that the tables `data` give, before validation; by default 2."""
+    return 1 if value_at(data, "space", "dimensions") == 1 else 2
+
+
 def _with_defaults(data: dict[str, Any], own_particles: bool) -> dict[str, Any]:
-    """Return a copy of `data` with those defaults filled in that depend on other tables or on `own_particles`."""
+    """Return a copy of the tables `data` with the defaults that depend on other tables or on `own_particles`."""
     filled = deepcopy(data)
     run = filled.get("run")
     if isinstance(run, dict):
         run.setdefault("courant", COURANT_OF_DISCS if "star" in data else COURANT)
-    dimensions = 1 if value_at(data, "space", "dimensions") == 1 else 2
     gas = filled.get("gas")
     if isinstance(gas, dict):
         # An eta without a kernel refers to the cubic kernel.
@@ -316,7 +311,7 @@ def _with_defaults(data: dict[str, Any], own_particles: bool) -> dict[str, Any]:
         if kernel is not None and not {"eta", "smoothing_length"} & gas.keys():
             gas.setdefault("kernel", kernel)
         smoothing = SMOOTHING.get(str(gas.get("kernel")), SMOOTHING["cubic"])
-        gas.setdefault("eta", smoothing.eta[dimensions - 1])
+        gas.setdefault("eta", smoothing.eta[_dimensions(data) - 1])
     drag = filled.get("drag")
     if isinstance(drag, dict):
         if isinstance(drag.get("cell"), str):
@@ -336,9 +331,9 @@ def _with_defaults(data: dict[str, Any], own_particles: bool) -> dict[str, Any]:
 
 
 def _set_particle_counts(filled: dict[str, Any], counts: Mapping[str, Sequence[int]]) -> None:
-    """Set the particle numbers that the start defines in the tables `filled`, in place.
+    """Set, in the tables `filled` in place, the particle numbers that the start defines.
 
-    counts: particle numbers by table name, one for each table of this name.
+    counts: by table name, one particle number for each table of this name.
     """
     for name, numbers in counts.items():
         tables = filled.get(name)
@@ -347,11 +342,11 @@ def _set_particle_counts(filled: dict[str, Any], counts: Mapping[str, Sequence[i
                 table["particles"] = number
 
 
-def _as_in_scene(fault: Problem, data: dict[str, Any]) -> Problem:
-    """Return the fault with the path by which the scene itself names the key.
+def _with_path_in_scene(fault: Problem, data: dict[str, Any]) -> Problem:
+    """Return a problem with the path that the key has in the scene itself, the tables `data`.
 
     Validation turns a single [dust] into a list, a scalar into a vector, and a length in drag.cell into
-    drag.cell_length.
+    drag.cell_length, so that the path of `fault` may differ.
     """
     path, wrong = fault
     if len(path) > 1 and isinstance(path[-1], int) and not isinstance(value_at(data, *path[:-1]), list):
@@ -364,17 +359,18 @@ def _as_in_scene(fault: Problem, data: dict[str, Any]) -> Problem:
 
 
 def _may_repeat(name: str | int) -> bool:
-    """Return whether the table `name` may occur several times. Imports only the effect of this table."""
+    """Return whether the table `name` may occur several times. Only the effect of this table is imported."""
     return name in EFFECTS and get_origin(TABLES[str(name)]) is tuple
 
 
 @cache
 def _adapter(name: str) -> TypeAdapter[Any]:
+    """Return pydantic's validator of the table `name`."""
     return TypeAdapter(TABLES[name])
 
 
 def _validate_table(name: str, filled: Any, raw: Any, units: Units, folder: Path = Path()) -> tuple[Any, list[Problem]]:
-    """Validate one table. Return the table, or None if it has faults, and its faults.
+    """Validate the table `name`. Return the table, or None if it has faults, and its problems.
 
     filled: the table with defaults. raw: the table as the scene writes it. folder: directory for relative paths.
     """
@@ -386,4 +382,6 @@ def _validate_table(name: str, filled: Any, raw: Any, units: Units, folder: Path
         return _adapter(name).validate_python(filled, context={"units": units, "folder": folder}), []
     except ValidationError as error:
         details = drop_secondary_errors(error.errors(include_url=False))
-        return None, [_as_in_scene(fault_from_error(name, detail, filled, units), {name: raw}) for detail in details]
+        return None, [
+            _with_path_in_scene(problem_from_error(name, detail, filled, units), {name: raw}) for detail in details
+        ]

@@ -11,14 +11,14 @@ from discsim.parts import EFFECTS
 from discsim.scene import tomltext
 from discsim.scene.messages import Origins, near
 from discsim.scene.reading import MAX_DEPTH
-from discsim.scene.tables import removable
+from discsim.scene.tables import removable_tables
 from discsim.scene.units import clipped
 
 _NUMBER = re.compile(r"[+-]?(?:\d[\d_]*\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 
 
 class Option(str):
-    """An override "table.key=value" from an option of its own, such as --until; `typed` is its text in messages.
+    """A change "table.key=value" from an option with its own name, such as --until; `typed` is the text of the option.
 
     >>> Option("--until", "run.until", "5"), Option("--until", "run.until", "5").typed
     ('run.until=5', '--until 5')
@@ -32,13 +32,13 @@ class Option(str):
         return self
 
 
-def changed(
+def apply_options(
     data: dict[str, Any], overrides: Sequence[str], without: Sequence[str], origins: Origins
 ) -> tuple[list[tuple[list[str], Any]], list[list[str]], list[str]]:
-    """Apply the options --set (`overrides`) and --without to the tables `data` in place.
+    """Apply the options --set (`overrides`) and --without to the tables `data`, in place.
 
-    Return the new values, each as (path, value); the paths of the removed tables; and the problems as messages.
-    `origins` receives the option as the source of each changed key.
+    Return the new values, each as (path, value); the paths of the removed tables; and the messages about faulty
+    options. In `origins`, the option becomes the source of each key that it sets.
     """
     values: list[tuple[list[str], Any]] = []
     problems: list[str] = []
@@ -60,13 +60,12 @@ def changed(
             continue
         values.append((path, value))
         key = tuple(int(part) if part.isdecimal() else part for part in path)
-        origins.override(key, typed)
+        origins.set_option(key, typed)
     removed = []
     for name in without:
-        if name not in EFFECTS and name not in (known := removable()):
-            problems.append(
-                f"--without {clipped(name)}: unknown table; expected one of {', '.join(known)}{near(name, known)}"
-            )
+        if name not in EFFECTS and name not in (known := removable_tables()):
+            expected = f"expected one of {', '.join(known)}{near(name, known)}"
+            problems.append(f"--without {clipped(name)}: unknown table; {expected}")
             continue
         removed.append(name.split("."))
         tomltext.remove_table(data, removed[-1])
@@ -74,9 +73,9 @@ def changed(
 
 
 def _override_value(text: str) -> Any:
-    """Return the value of an override, read as TOML, else as a number, else as text.
+    """Return the value that `text` means as TOML, else as a number, else as a text.
 
-    Numbers that TOML does not allow (.09, 5.) are accepted. Texts need no quotes, because the shell removes them.
+    Numbers that TOML does not allow (.09, 5.) are accepted. A text needs no quotes, because the shell removes them.
     """
     try:
         read = tomllib.loads("value = " + text)

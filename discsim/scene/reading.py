@@ -1,4 +1,4 @@
-"""Reading of a scene file or dict into nested dicts whose values have only the types of TOML."""
+"""Reading of a scene, from a file or a dict, into nested dicts whose values have the types of TOML."""
 
 from __future__ import annotations
 
@@ -14,17 +14,14 @@ MAX_SCENE_BYTES = 2**20  # bytes
 MAX_DEPTH = 8  # nesting of tables and lists; a scene needs four levels
 
 
-def read(path: Path) -> str:
+def read_scene_text(path: Path) -> str:
     """Return the text of a scene file. Raises SceneError if it cannot be read."""
     try:
         content = read_plain(path, MAX_SCENE_BYTES)
-    except FileNotFoundError:
-        raise SceneError([f"{path}: file not found; expected a scene file (TOML)"]) from None
-    except IsADirectoryError:
-        raise SceneError([f"{path}: is a directory; expected a scene file (TOML)"]) from None
     except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise SceneError([f"{path}: cannot be read: {reason}; expected a scene file (TOML)"]) from None
+        known: dict[type, str] = {FileNotFoundError: "file not found", IsADirectoryError: "is a directory"}
+        wrong = known.get(type(error), f"cannot be read: {getattr(error, 'strerror', None) or error}")
+        raise SceneError([f"{path}: {wrong}; expected a scene file (TOML)"]) from None
     try:
         return content.decode("utf-8").removeprefix("\ufeff").replace("\r\n", "\n")
     except UnicodeDecodeError as error:
@@ -34,8 +31,8 @@ def read(path: Path) -> str:
         raise SceneError([f"{path}:{line}: {wrong}"]) from None
 
 
-def parsed(path: Path, text: str) -> dict[str, Any]:
-    """Return the tables of the TOML text of a scene file. Raises SceneError if the text is invalid or empty."""
+def parse_scene(path: Path, text: str) -> dict[str, Any]:
+    """Return the tables in the text of a scene file. Raises SceneError if the text is no TOML, or has no tables."""
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -54,7 +51,7 @@ def parsed(path: Path, text: str) -> dict[str, Any]:
 
 
 def refuse_deep(data: dict[str, Any], where: str) -> None:
-    """Raise SceneError if tables and lists are nested more than MAX_DEPTH levels deep."""
+    """Raise SceneError if tables and lists are nested more than MAX_DEPTH levels deep; `where` begins the message."""
     left: list[tuple[Any, KeyPath]] = [(data, ())]
     while left:
         value, path = left.pop()
@@ -64,19 +61,19 @@ def refuse_deep(data: dict[str, Any], where: str) -> None:
         left += [(entry, (*path, key)) for key, entry in entries]
 
 
-def plain(value: Any) -> Any:
-    """Convert a value of a dict scene to TOML types: Quantities to texts, arrays and tuples to lists.
+def to_toml_types(value: Any) -> Any:
+    """Convert a value of a scene dict to TOML types: Quantities and paths to texts, arrays and tuples to lists.
 
     Entries of a dict that are None are left out.
     """
     if isinstance(value, dict):
-        return {str(key): plain(entry) for key, entry in value.items() if entry is not None}
+        return {str(key): to_toml_types(entry) for key, entry in value.items() if entry is not None}
     if hasattr(value, "unit") and hasattr(value, "value"):
         if getattr(value, "isscalar", True):
             return f"{float(value.value)!r} {value.unit}"
-        return [plain(entry) for entry in value]
+        return [to_toml_types(entry) for entry in value]
     if hasattr(value, "tolist"):
         return value.tolist()
     if isinstance(value, list | tuple):
-        return [plain(entry) for entry in value]
+        return [to_toml_types(entry) for entry in value]
     return str(value) if isinstance(value, Path) else value

@@ -1,7 +1,7 @@
 """Rules between the tables of a scene.
 
-A rule takes a `Draft` and yields faults (path of the key, message). A rule ends without a fault at the first access to
-an invalid table, which has messages of its own.
+A rule is a function that takes a `Draft` and yields a `Problem` for every fault: the path of the key, and the message.
+Access to an invalid table ends a rule without a problem, because the invalid table has messages of its own.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from discsim.formulas.smoothing import SMOOTHING
 from discsim.parts import EFFECTS, EOS, LAWS, SCHEMES, STARTS
-from discsim.scene.fields import MAX_SNAPSHOTS
+from discsim.scene.fields import MAX_SNAPSHOTS, shown
 
 if TYPE_CHECKING:
     from discsim.initial.base import Start
@@ -35,13 +35,14 @@ Rule = Callable[["Draft"], Iterator[Problem]]
 
 
 class InvalidTableError(Exception):
-    """Error for access to an invalid table of a scene."""
+    """Error for access to an invalid table of a `Draft`."""
 
 
 class Draft:
-    """The valid tables of a scene, as attributes; None if the scene has no such table.
+    """A scene during validation: its valid tables as attributes.
 
-    An attribute whose table is invalid raises `InvalidTableError`.
+    An attribute is None if the scene has no such table. Access to an invalid table raises `InvalidTableError`. The
+    argument `raw` has the tables as the scene writes them, `tables` the valid tables.
     """
 
     def __init__(self, raw: dict[str, Any], tables: dict[str, Any]) -> None:
@@ -63,6 +64,7 @@ class Draft:
 
     @property
     def kind(self) -> str:
+        """The name of the start, `initial.kind`; "" if the caller sets the particles."""
         return self.initial.kind if self.initial else ""
 
     @property
@@ -72,33 +74,33 @@ class Draft:
 
     @property
     def dimensions(self) -> int:
+        """Dimensions of space; 2 without a table [space]."""
         return self.space.dimensions if self.space else 2
 
     @property
     def in_code_units(self) -> bool:
+        """True if the scene has units.system = "code"."""
         units = self._raw.get("units")
         return isinstance(units, dict) and units.get("system") == "code"
 
     @property
-    def one_way_beside_gas(self) -> bool:
-        """True if the scene has gas, and drag that acts on the dust only."""
+    def has_gas_and_one_way_drag(self) -> bool:
+        """True if the scene has gas, and drag that does not act on it."""
         return self.has("gas") and self.drag is not None and self.drag.direction == "one-way"
 
     @property
     def eos_kind(self) -> str:
+        """The name of the equation of state of [gas]; "" without gas."""
         return self.gas.eos.kind if self.gas else ""
 
     @property
     def eos(self) -> Any:
-        """The equation of state of [gas] (`physics/eos.py`)."""
+        """The equation of state of [gas], a part of `physics/eos.py`; None without gas."""
         return EOS[self.eos_kind] if self.gas else None
 
 
 def broken_rules(draft: Draft) -> list[Problem]:
-    """Return all faults between the tables of `draft`.
-
-    The rules are RULES and those of the parts that the scene names: effects, start, equation of state, drag.
-    """
+    """Return all problems that the rules find: RULES, and the rules of the parts that the scene names."""
     problems: list[Problem] = []
     for rule in (*RULES, *_rules_of_parts(draft)):
         try:
@@ -109,7 +111,7 @@ def broken_rules(draft: Draft) -> list[Problem]:
 
 
 def _rules_of_parts(draft: Draft) -> Iterator[Rule]:
-    """Yield the rules of the effects, start, equation of state, drag scheme and law of a draft."""
+    """Yield the rules of the parts that the scene names: effects, start, equation of state, drag scheme and law."""
     for name in EFFECTS:
         if draft.has(name):
             yield from EFFECTS[name].rules
@@ -124,76 +126,69 @@ def _rules_of_parts(draft: Draft) -> Iterator[Rule]:
             yield from (*SCHEMES[draft.drag.scheme].rules, *LAWS[draft.drag.law].rules)
 
 
-def _has_gas_or_dust(draft: Draft) -> Iterator[Problem]:
-    """Yield a fault if the scene has neither gas nor dust."""
+def _missing_species(draft: Draft) -> Iterator[Problem]:
+    """Yield a problem if the scene has neither gas nor dust."""
     if not draft.has("gas") and not draft.has("dust"):
-        yield (), "there is neither [gas] nor [dust]; expected at least one of these tables"
+        yield (), "there is neither [gas] nor [dust]; add at least one of these tables"
 
 
-def _output_times(draft: Draft) -> Iterator[Problem]:
-    """Yield a fault if both run.every and run.snapshots are given, or if run.every gives too many snapshots."""
-    if draft.run and draft.run.every is not None and draft.gives("run", "snapshots"):
+def _output_time_problems(draft: Draft) -> Iterator[Problem]:
+    """Yield a problem if run.every and run.snapshots are both given, or if run.every gives too many snapshots."""
+    run = draft.run
+    if not run or run.every is None:
+        return
+    if draft.gives("run", "snapshots"):
         yield ("run", "every"), "run.snapshots is also given; expected only one of the two"
-    elif draft.run and draft.run.every is not None and draft.run.until > MAX_SNAPSHOTS * draft.run.every:
-        number = draft.run.until / draft.run.every
+    elif run.until > MAX_SNAPSHOTS * run.every:
+        number = run.until / run.every
         yield ("run", "every"), f"gives {number:.3g} snapshots until run.until; expected at most {MAX_SNAPSHOTS:g}"
 
 
-def _periodic_cells(draft: Draft) -> Iterator[Problem]:
-    """Yield a fault if a side of a periodic box is not a whole number of square cells."""
+def _cell_problems(draft: Draft) -> Iterator[Problem]:
+    """Yield a problem if square cells do not fill a periodic box: space.cells is missing, or does not fit its sides."""
     space = draft.space
-    if not space or space.boundary != "periodic" or not space.cells:
+    if not space or space.boundary != "periodic":
+        return
+    if not space.cells:
+        if min(space.size) < max(space.size):
+            wrong = "missing, but a periodic space with unequal sides needs it"
+            yield ("space", "cells"), f"{wrong}; expected a whole number of square cells per side"
         return
     cells = [side / max(space.size) * space.cells for side in space.size]
     if any(abs(number - round(number)) > 1e-9 * number or round(number) < 1 for number in cells):
         text = " x ".join(f"{number:g}" for number in cells)
-        yield ("space", "cells"), f"the sides of the periodic space are {text} square cells; expected whole numbers"
+        wrong = f"the sides of the periodic space are {text} square cells"
+        yield ("space", "cells"), f"{wrong}; expected whole numbers, by another number of cells"
 
 
-def _cells_of_a_rectangle(draft: Draft) -> Iterator[Problem]:
-    """Yield a fault if space.cells is missing for a periodic box with unequal sides."""
-    space = draft.space
-    if space and space.boundary == "periodic" and not space.cells and min(space.size) < max(space.size):
-        yield (
-            ("space", "cells"),
-            "missing, but a periodic space with unequal sides needs it; expected a whole number of square cells "
-            "per side",
-        )
+def _exclusion_by_start(draft: Draft, path: tuple[str, ...], found: Any, allowed: Iterable[Any]) -> Problem:
+    """Return the problem that the start excludes `found`, the value of the key at `path`, and allows only `allowed`."""
+    words = " or ".join(map(shown, allowed))
+    return path, f'{shown(found)} is not possible with initial.kind = "{draft.kind}"; expected {words}'
 
 
-def _boundary_of_the_start(draft: Draft) -> Iterator[Problem]:
-    wanted = draft.start.boundary if draft.start else None
-    if draft.space and wanted not in (None, draft.space.boundary):
-        found = draft.space.boundary
-        yield (
-            ("space", "boundary"),
-            f'"{found}" is not possible with initial.kind = "{draft.kind}"; expected "{wanted}"',
-        )
+def _space_problems_of_start(draft: Draft) -> Iterator[Problem]:
+    """Yield a problem if the start does not allow the boundary, and one if it does not allow the dimensions."""
+    start = draft.start
+    if start and draft.space and start.boundary not in (None, draft.space.boundary):
+        yield _exclusion_by_start(draft, ("space", "boundary"), draft.space.boundary, [start.boundary])
+    if start and draft.dimensions not in start.dimensions:
+        yield _exclusion_by_start(draft, ("space", "dimensions"), draft.dimensions, start.dimensions)
 
 
-def _dimensions_of_the_start(draft: Draft) -> Iterator[Problem]:
-    if draft.start and draft.dimensions not in draft.start.dimensions:
-        wanted = " or ".join(map(str, draft.start.dimensions))
-        yield (
-            ("space", "dimensions"),
-            f'{draft.dimensions} is not possible with initial.kind = "{draft.kind}"; expected {wanted}',
-        )
-
-
-def _gas_of_the_start(draft: Draft) -> Iterator[Problem]:
-    """Yield a fault if gas is missing that the start needs, or if the start excludes the equation of state."""
+def _gas_problems_of_start(draft: Draft) -> Iterator[Problem]:
+    """Yield a problem if the start needs gas and the scene has none, or if it does not allow the equation of state."""
     allowed = draft.start.eos if draft.start else None
     if allowed is None:
         return
     if not draft.has("gas"):
-        yield ("initial", "kind"), f'"{draft.kind}" needs gas; expected a table [gas] too'
+        yield ("initial", "kind"), f'"{draft.kind}" needs gas; add a table [gas]'
     elif draft.gas and draft.eos_kind not in allowed:
-        wrong = f'"{draft.eos_kind}" is not possible with initial.kind = "{draft.kind}"'
-        yield ("gas", "eos", "kind"), f"{wrong}; expected {quoted(allowed)}"
+        yield _exclusion_by_start(draft, ("gas", "eos", "kind"), draft.eos_kind, allowed)
 
 
-def _size_for_the_start(draft: Draft) -> Iterator[Problem]:
-    """Yield a fault if space is too small for the start."""
+def _size_problem_of_start(draft: Draft) -> Iterator[Problem]:
+    """Yield a problem if the start reaches beyond the nearest side of space."""
     if not draft.space or not draft.start or not draft.start.min_half_side:
         return
     key, reach = draft.start.min_half_side
@@ -220,13 +215,13 @@ def missing_tables(draft: Draft, where: tuple[str | int, ...], reasons: Mapping[
             yield where, f"{reason}; expected a table [{table}] too"
 
 
-def kinds(which: Callable[[Start], Any]) -> list[str]:
+def starts_where(which: Callable[[Start], Any]) -> list[str]:
     """Return the names of the starts for which `which(start)` is true."""
     return [name for name, start in STARTS.items() if which(start)]
 
 
-def _only_one_coupling(draft: Draft) -> Iterator[Problem]:
-    """Yield a fault if two effects each kick gas and dust together (`Role.kicks`)."""
+def _coupling_problem(draft: Draft) -> Iterator[Problem]:
+    """Yield a problem if the scene has two effects that kick gas and dust together (`Role.kicks`)."""
     owners = [name for name in EFFECTS if draft.has(name) and EFFECTS[name].role.kicks]
     if len(owners) > 1:
         first, second = owners[:2]
@@ -234,12 +229,12 @@ def _only_one_coupling(draft: Draft) -> Iterator[Problem]:
 
 
 def longest_courant(draft: Draft) -> tuple[float, str]:
-    """Return the largest stable Courant factor, and the instability beyond it as text; (inf, "") without a bound.
+    """Return the largest stable Courant factor, and the instability above it as text; (inf, "") if none is known.
 
     A leapfrog step dt of an oscillation with frequency w is stable for w dt < 2 (docs/physics/step.md).
     """
     gas, found = draft.gas, (math.inf, "")
-    if draft.has("star") and not draft.has("background"):  # in a given disc circular orbits are exact
+    if draft.has("star") and not draft.has("background"):  # with [background], circular orbits are exact
         found = (COURANT_ORBITS, "orbits about the star are unstable")
     if gas and not (draft.start and draft.start.stays_uniform):
         braked = gas.viscosity is not None and gas.viscosity.acts_in_shear
@@ -254,33 +249,24 @@ def longest_courant(draft: Draft) -> tuple[float, str]:
     return found
 
 
-def _stable_steps(draft: Draft) -> Iterator[Problem]:
-    """Yield a fault if the Courant factor exceeds `longest_courant`."""
+def _courant_problem(draft: Draft) -> Iterator[Problem]:
+    """Yield a problem if the Courant factor exceeds `longest_courant`."""
     on_grid = draft.drag and SCHEMES[draft.drag.scheme].on_grid
     if not draft.run or draft.run.timestep is not None or on_grid:
         return
     most, what = longest_courant(draft)
     if draft.run.courant > most:
-        yield (
-            ("run", "courant"),
-            f"{draft.run.courant:g} gives time steps so long that {what}; expected at most {_rounded_down(most)}",
-        )
-
-
-def _rounded_down(value: float) -> str:
-    """Return a number rounded down to two decimals, as text."""
-    return f"{math.floor(100.0 * value) / 100.0:g}"
+        wrong = f"{draft.run.courant:g} gives time steps so long that {what}"
+        yield ("run", "courant"), f"{wrong}; expected at most {math.floor(100.0 * most) / 100.0:g}"
 
 
 RULES: tuple[Rule, ...] = (
-    _stable_steps,
-    _has_gas_or_dust,
-    _output_times,
-    _periodic_cells,
-    _cells_of_a_rectangle,
-    _boundary_of_the_start,
-    _dimensions_of_the_start,
-    _gas_of_the_start,
-    _size_for_the_start,
-    _only_one_coupling,
+    _courant_problem,
+    _missing_species,
+    _output_time_problems,
+    _cell_problems,
+    _space_problems_of_start,
+    _gas_problems_of_start,
+    _size_problem_of_start,
+    _coupling_problem,
 )

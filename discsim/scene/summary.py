@@ -12,7 +12,7 @@ Rows = Sequence[tuple[str, object]]
 
 
 class Summarised:
-    """Base class of objects whose display is a title and rows of names and values."""
+    """Base class of objects that `print` and notebooks show as a title and rows of names and values."""
 
     def summary(self) -> tuple[str, Rows]:
         """Return the title and the rows (name, value)."""

@@ -1,6 +1,6 @@
-"""The types of all tables of a scene by name.
+"""The types of all tables of a scene, by name.
 
-[units], [run] and [space] are defined here; the tables of effects and starts are defined by their modules.
+This module defines the tables [units], [run] and [space]; effects and starts define the others.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from discsim.scene.fields import (
     kinds_of,
     measure_of,
     models_in,
-    sides,
-    whole,
+    sides_of_space,
+    whole_number,
     word_of,
 )  # fmt: skip
 
@@ -71,9 +71,9 @@ class Run(Table):
 
 
 class Space(Table):
-    dimensions: Annotated[Literal[1, 2], BeforeValidator(whole)] = Field(2, description="number of dimensions")
-    size: Annotated[tuple[Annotated[float, Field(gt=0), Measure("length")], ...], BeforeValidator(sides)] = Field(
-        description="side length of space, or [x, y]"
+    dimensions: Annotated[Literal[1, 2], BeforeValidator(whole_number)] = Field(2, description="number of dimensions")
+    size: Annotated[tuple[Annotated[float, Field(gt=0), Measure("length")], ...], BeforeValidator(sides_of_space)] = (
+        Field(description="side length of space, or [x, y]")
     )
     cells: Annotated[Count | None, Default("from the particles")] = Field(
         None, ge=1, le=65536, description="number of square grid cells along the longest side"
@@ -82,9 +82,9 @@ class Space(Table):
 
 
 class Tables(Mapping[str, Any]):
-    """Mapping from the name of a table to its type, which is imported at look-up.
+    """Mapping from the name of a table to its type; look-up imports the module of the type.
 
-    The type of a table that may occur several times is a tuple.
+    The type of a table that may occur several times, like [[dust]], is a tuple of any length.
     """
 
     _own: ClassVar[dict[str, Any]] = {"units": UnitsTable, "run": Run, "space": Space}
@@ -119,8 +119,8 @@ def optional_tables(model: type[Table]) -> list[str]:
     return [key for key, field in fields.items() if models_in(field.annotation) and measure_of(field) is None]
 
 
-def removable() -> list[str]:
-    """Return the names that `--without` accepts: effects in the order of a step, each with its optional parts."""
+def removable_tables() -> list[str]:
+    """Return the names that `--without` accepts: effects in the order of a step, each before its optional tables."""
     names = []
     for effect in EFFECTS:
         names += [effect, *(f"{effect}.{part}" for part in optional_tables(EFFECTS[effect].keys))]

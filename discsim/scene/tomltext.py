@@ -1,7 +1,7 @@
-"""Line numbers of the keys in a TOML text, and edits that preserve its comments.
+"""Line numbers of the keys in a TOML text, and edits of the text that preserve its comments.
 
-`tomllib` reads values but no line numbers. `line_numbers` scans a text that tomllib has accepted, and so needs no
-checks of syntax.
+`tomllib` reads values, but no line numbers. `line_numbers` scans a text that tomllib has accepted, and therefore checks
+no syntax.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _SCALAR = re.compile(r"[^,\]}#\n]+")
 def line_numbers(text: str) -> dict[Path, int]:
     """Return the line (from 1) of every table, key and list entry of a valid TOML text, by path.
 
-    List entries, also those of `[[dust]]`, have their index in the path: ("dust", 0, "ratio").
+    Entries of a list have their index in the path, also tables like `[[dust]]`: ("dust", 0, "ratio").
     """
     return _Scanner(text).scan()
 
@@ -54,7 +54,7 @@ def set_value(data: Any, path: Sequence[str], value: Any) -> None:
 
 
 def _list_index(data: list[Any], name: str, path: Sequence[str]) -> int:
-    """Return `name` as an index of the list `data`. Raises KeyError with a message if it is not a valid index.
+    """Return `name` as an index of the list `data`. Raises KeyError with a message unless it is a valid index.
 
     path: path of the list, for the message.
     """
@@ -72,7 +72,7 @@ def edit(
 ) -> str:
     """Return the TOML text `text` after edits, with its comments; the result parses to `data`.
 
-    values: (path, value) of each key to set. removed: paths of the tables to remove. Comments are lost if tomlkit
+    values: (path, value) of each key to set. removed: paths of the tables to remove. The comments are lost if tomlkit
     cannot make the edits.
     """
     if not values and not removed:
@@ -101,7 +101,7 @@ def dump(data: dict[str, Any]) -> str:
 
 
 class _Scanner:
-    """Scanner of a valid TOML text that records the line of every key."""
+    """Scanner of a valid TOML text, which records the line of every key in `lines`; `at` is the current character."""
 
     def __init__(self, text: str) -> None:
         self.text = text
@@ -111,6 +111,7 @@ class _Scanner:
         self.lengths: dict[Path, int] = {}  # numbers of entries of the arrays of tables so far
 
     def scan(self) -> dict[Path, int]:
+        """Scan the text, and return the lines by path."""
         table: Path = ()
         while self._skip_blank() < len(self.text):
             if self.text.startswith("[", self.at):
@@ -120,17 +121,15 @@ class _Scanner:
         return self.lines
 
     def _skip_blank(self) -> int:
-        self.at = self._match(_BLANK).end()
+        """Move behind blanks, line breaks and comments, and return the new position."""
+        self._read(_BLANK)
         return self.at
 
-    def _match(self, pattern: re.Pattern[str]) -> re.Match[str]:
+    def _read(self, pattern: re.Pattern[str]) -> str:
+        """Move behind the text that matches `pattern`, and return this text."""
         found = pattern.match(self.text, self.at)
         if not found:
             raise ValueError(f"not TOML from character {self.at} on: {self.text[self.at : self.at + 20]!r}")
-        return found
-
-    def _read(self, pattern: re.Pattern[str]) -> str:
-        found = self._match(pattern)
         self.at = found.end()
         return found[0]
 
@@ -138,28 +137,28 @@ class _Scanner:
         return bisect_right(self.breaks, self.at - 1) + 1
 
     def _record(self, path: Path, line: int) -> None:
-        """Record the line of a path, also for enclosing tables that have no line so far."""
+        """Record the line of a path, and of enclosing tables that have no line so far."""
         self.lines[path] = line
         for end in range(1, len(path)):  # tables without a header of their own
             self.lines.setdefault(path[:end], line)
 
     def _read_header(self) -> Path:
+        """Scan the header of a table, and return the path of the table."""
         line = self._line_number()
-        many = self.text.startswith("[[", self.at)
-        self.at += 2 if many else 1
+        brackets = 2 if self.text.startswith("[[", self.at) else 1
+        self.at += brackets
         keys = self._read_dotted_key()
-        self.at += 2 if many else 1
-        path = (*self._indexed_path(keys[:-1]), keys[-1])
-        if many:
+        self.at += brackets
+        if brackets == 2:
+            path = (*self._indexed_path(keys[:-1]), keys[-1])
             self.lengths[path] = self.lengths.get(path, 0) + 1
             self.lines.setdefault(path, line)
-        if path in self.lengths:
-            path += (self.lengths[path] - 1,)
+        path = self._indexed_path(keys)
         self._record(path, line)
         return path
 
     def _indexed_path(self, keys: list[str]) -> Path:
-        """Return `keys` as a path; after each array of tables, the index of its last entry so far is inserted."""
+        """Return `keys` as a path, where the name of an array of tables is followed by the index of its last entry."""
         path: Path = ()
         for key in keys:
             path += (key,)
@@ -168,6 +167,7 @@ class _Scanner:
         return path
 
     def _read_dotted_key(self) -> list[str]:
+        """Scan a key like a."b c".d, and return its parts."""
         keys = []
         while True:
             self._skip_blank()
@@ -181,6 +181,7 @@ class _Scanner:
             self.at += 1
 
     def _read_pair(self, table: Path) -> None:
+        """Scan a key with its value; `table` is the path of the table that contains it."""
         line = self._line_number()
         path = table + tuple(self._read_dotted_key())
         self._record(path, line)
@@ -189,16 +190,15 @@ class _Scanner:
         self._skip_value(path)
 
     def _skip_value(self, path: Path) -> None:
+        """Move behind the value of the key at `path`; entries and keys inside the value are recorded."""
         start = self.text[self.at]
-        if start == "[":
-            self._read_bracketed("]", path)
-        elif start == "{":
-            self._read_bracketed("}", path)
+        if start in "[{":
+            self._read_bracketed("]" if start == "[" else "}", path)
         else:
             self._read(_STRING if start in "\"'" else _SCALAR)
 
     def _read_bracketed(self, end: str, path: Path) -> None:
-        """Scan an array, or the pairs of an inline table, up to the bracket `end`."""
+        """Scan an array, or the pairs of an inline table, up to the bracket `end`; `path` is the path of its key."""
         self.at += 1
         count = 0
         while True:

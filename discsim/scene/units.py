@@ -15,7 +15,10 @@ from difflib import get_close_matches
 from functools import cache, cached_property
 from typing import Any
 
+from discsim.parts import Lazy
 from discsim.printable import printable
+
+astropy = Lazy("discsim.scene.astropy_units")
 
 Exponents = tuple[float, float, float]
 
@@ -38,19 +41,12 @@ DIMENSIONS: dict[str, Exponents] = {
     "opacity": (-1, 2, 0),
 }
 
+# Quantities that messages show as examples, by dimension.
 EXAMPLES = {
-    "length": "10 au",
-    "mass": "0.1 Msun",
-    "time": "100 yr",
-    "velocity": "1 km/s",
-    "acceleration": "1 cm/s2",
-    "frequency": "1 / yr",
-    "diffusivity": "1e15 cm2/s",
-    "accretion_rate": "1e-8 Msun/yr",
-    "surface_density": "100 g/cm2",
-    "volume_density": "3 g/cm3",
-    "opacity": "1 cm2/g",
-}
+    "length": "10 au", "mass": "0.1 Msun", "time": "100 yr", "velocity": "1 km/s", "acceleration": "1 cm/s2",
+    "frequency": "1 / yr", "diffusivity": "1e15 cm2/s", "accretion_rate": "1e-8 Msun/yr",
+    "surface_density": "100 g/cm2", "volume_density": "3 g/cm3", "opacity": "1 cm2/g",
+}  # fmt: skip
 
 _UNITS_FOR_HINTS = (
     "au", "pc", "km", "m", "cm", "mm", "um", "Rsun", "Msun", "Mearth", "Mjup", "kg", "g",
@@ -61,7 +57,7 @@ _NUMBER = re.compile(r"\s*([+-]?(?:\d[\d_]*\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?(
 
 
 class UnitError(ValueError):
-    """Error for a text that is not a quantity, or has the wrong dimension; the message says what is expected."""
+    """A text that is not a quantity, or has the wrong dimension; the message says what is expected."""
 
 
 MAX_ECHO = 80  # largest number of characters of the user's text in a message
@@ -70,25 +66,23 @@ RANGES = {"length": (1e-20, 1e40, "cm"), "mass": (1e-40, 1e60, "g")}
 
 
 def clipped(text: str) -> str:
-    """Return a text for a message: printable, and at most MAX_ECHO characters."""
+    """Return a text of the user for a message: printable, and shortened to MAX_ECHO characters."""
     text = printable(text)
     return text if len(text) <= MAX_ECHO else text[: MAX_ECHO - 3] + "..."
 
 
-def a(name: str) -> str:
-    """Return the name of a dimension as words with its article: "a surface density"."""
+def with_article(name: str) -> str:
+    """Return a dimension in words with an article: "a surface density"."""
     words = name.replace("_", " ").split("/")[0]
     return f"an {words}" if words[0] in "aeiou" else f"a {words}"
 
 
 def parse_quantity(text: str, expected: str = 'a number and a unit, like "10 au"') -> Any:
-    """Convert `text` ("0.6 au") to an astropy Quantity.
+    """Convert a text such as "0.6 au" to an astropy Quantity.
 
     expected: description of the expected value, for messages. Raises UnitError if the text has no number, no unit or
     an unknown unit, or if the number is not finite.
     """
-    from discsim.scene.astropy_units import units as u
-
     match = _NUMBER.fullmatch(text)
     text = clipped(text)
     if not match:
@@ -101,7 +95,7 @@ def parse_quantity(text: str, expected: str = 'a number and a unit, like "10 au"
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # astropy warns about several slashes, as in "g / cm / s"
-            unit = u.Unit("1" + name if name[0] == "/" else name)
+            unit = astropy.units.Unit("1" + name if name[0] == "/" else name)
             unit.decompose()
     except (ValueError, TypeError, AttributeError, ArithmeticError) as error:
         near = get_close_matches(name, _UNITS_FOR_HINTS, n=1, cutoff=0.5)
@@ -109,7 +103,7 @@ def parse_quantity(text: str, expected: str = 'a number and a unit, like "10 au"
         raise UnitError(f'"{text}": unknown unit "{name}"; expected an astropy unit{hint}') from error
     if not math.isfinite(number):
         raise UnitError(f'"{text}" is not a finite number')
-    return u.Quantity(number, unit)
+    return astropy.units.Quantity(number, unit)
 
 
 @dataclass(frozen=True)
@@ -152,7 +146,7 @@ class Units:
     def exponents(self, name: str, gamma: float = 1.0) -> Exponents:
         """Return the exponents of mass, length and time of the dimension `name`.
 
-        `gamma` matters only for "polytropic_constant", P / rho^gamma.
+        gamma: adiabatic index, used only for "polytropic_constant", P / rho^gamma.
         """
         density = (1.0, -2.0 if self.dimensions == 2 else -3.0, 0.0)
         if name == "density":
@@ -180,10 +174,8 @@ class Units:
         """The code unit of time, sqrt(L^3 / (G M)), as an astropy unit in years; None in the code system."""
         if self.system == "code":
             return None
-        from discsim.scene.astropy_units import constants
-        from discsim.scene.astropy_units import units as u
-
-        return u.Unit((((1 * self.length) ** 3 / (constants.G * (1 * self.mass))) ** 0.5).to(u.yr))
+        squared = (1 * self.length) ** 3 / (astropy.constants.G * (1 * self.mass))
+        return astropy.units.Unit((squared**0.5).to(astropy.units.yr))
 
     @property
     def velocity(self) -> Any:
@@ -196,22 +188,20 @@ class Units:
         return self._code_unit("density")
 
     def cgs(self, name: str) -> float:
-        """Return the code unit of the dimension `name` in cgs; 1 in the code system."""
+        """Return the code unit of the dimension `name` in cgs units; 1 in the code system."""
         return self._cgs_factor(self.exponents(name))
 
     def quantity(self, array: Any, name: str) -> Any:
-        """Return `array`, in code units of the dimension `name`, as an astropy Quantity.
+        """Return `array`, numbers in code units of the dimension `name`, as an astropy Quantity.
 
         In the code system the Quantity is dimensionless.
         """
-        from discsim.scene.astropy_units import units as u
-
-        return u.Quantity(array, self._code_unit(name) or u.dimensionless_unscaled)
+        return astropy.units.Quantity(array, self._code_unit(name) or astropy.units.dimensionless_unscaled)
 
     def to_code(self, quantity: Any) -> Any:
-        """Convert an astropy Quantity to a float or array in code units.
+        """Convert an astropy Quantity of any dimension to a float or array in code units.
 
-        Raises UnitError if its unit has other bases than mass, length and time.
+        Raises UnitError if its unit does not reduce to mass, length and time.
         """
         return quantity.value * self._conversion_factor(quantity, self._exponents_of(quantity))
 
@@ -247,13 +237,13 @@ class Units:
         except ValueError:
             value = math.nan
         if not math.isfinite(value):
-            raise UnitError(f'"{clipped(text)}" is not a finite number; expected {a(name)} in code units')
+            raise UnitError(f'"{clipped(text)}" is not a finite number; expected {with_article(name)} in code units')
         return value
 
     def _checked_factor(self, quantity: Any, text: str, name: str, gamma: float = 1.0) -> float:
-        """Return the factor from a quantity's unit to code units. Raises UnitError unless the dimension is `name`.
+        """Return the factor from a quantity's unit to code units. Raises UnitError unless its dimension is `name`.
 
-        text: the quantity in the message.
+        text: the quantity as the message writes it.
         """
         try:
             found = self._exponents_of(quantity)
@@ -267,8 +257,8 @@ class Units:
         """Return a description of a value of the dimension `name` for messages, like 'a length, like "10 au"'."""
         example = EXAMPLES.get(self._density_resolved(name))
         if example:
-            return f'{a(self._density_resolved(name))}, like "{example}"'
-        return f'{a(name)}, like "1 {self._cgs_unit(self.exponents(name, gamma))}"'
+            return f'{with_article(self._density_resolved(name))}, like "{example}"'
+        return f'{with_article(name)}, like "1 {self._cgs_unit(self.exponents(name, gamma))}"'
 
     def show(self, value: float, name: str, gamma: float = 1.0) -> str:
         """Return `value`, in code units, as text: "123.4 yr", "5.2 au"; a bare number in the code system."""
@@ -287,45 +277,44 @@ class Units:
         return self.show(t, "time")
 
     def _density_resolved(self, name: str) -> str:
+        """Return the name of a dimension, where "density" becomes a surface density in 2D, a volume density in 1D."""
         if name == "density":
             return "surface_density" if self.dimensions == 2 else "volume_density"
         return name
 
     def _parsed_unit(self, text: str) -> Any:
+        """Return a code unit, such as "1 au", as an astropy unit; None in the code system."""
         if self.system == "code":
             return None
-        from discsim.scene.astropy_units import units as u
-
         quantity = parse_quantity(text)
-        return quantity.unit if quantity.value == 1 else u.Unit(quantity)
+        return quantity.unit if quantity.value == 1 else astropy.units.Unit(quantity)
 
     def _code_unit(self, name: str) -> Any:
+        """Return the code unit of the dimension `name` as an astropy unit; None in the code system."""
         if self.system == "code":
             return None
         mass, length, time = self.exponents(name)
         return self.mass**mass * self.length**length * self.time**time
 
     @cached_property
-    def _bases_cgs(self) -> Exponents:
+    def _bases_cgs(self) -> tuple[float, float, float]:
+        """The code units of mass, length and time in cgs units; 1 in the code system."""
         if self.system == "code":
             return (1.0, 1.0, 1.0)
-        from discsim.scene.astropy_units import units as u
-
-        return (self.mass.to(u.g), self.length.to(u.cm), self.time.to(u.s))
+        return (self.mass.to(astropy.units.g), self.length.to(astropy.units.cm), self.time.to(astropy.units.s))
 
     def _cgs_factor(self, exponents: Exponents) -> float:
+        """Return the code unit with these exponents of mass, length and time in cgs units; 1 in the code system."""
         return math.prod(base**power for base, power in zip(self._bases_cgs, exponents, strict=True))
 
     def _exponents_of(self, quantity: Any) -> Exponents:
         """Return the exponents of mass, length and time of a quantity's unit.
 
-        Raises UnitError if the unit has other bases, or for any unit in the code system.
+        Raises UnitError if the unit does not reduce to these, and in the code system if there is a unit.
         """
-        from discsim.scene.astropy_units import units as u
-
         try:
-            unit = quantity.unit.decompose(bases=[u.g, u.cm, u.s])
-        except u.UnitsError as error:
+            unit = _in_cgs(quantity.unit)
+        except astropy.units.UnitsError as error:
             raise UnitError(f'"{quantity}" has a unit that does not reduce to mass, length and time') from error
         powers = {base.name: float(power) for base, power in zip(unit.bases, unit.powers, strict=True)}
         exponents = (powers.get("g", 0.0), powers.get("cm", 0.0), powers.get("s", 0.0))
@@ -334,27 +323,25 @@ class Units:
         return exponents
 
     def _conversion_factor(self, quantity: Any, exponents: Exponents) -> float:
-        """Return the factor from the unit of a quantity to code units. Raises UnitError if the factor overflows.
+        """Return the factor from a quantity's unit to code units. Raises UnitError if the factor overflows.
 
-        exponents: those of mass, length and time of the unit.
+        exponents: exponents of mass, length and time of the unit.
         """
-        from discsim.scene.astropy_units import units as u
-
         # Convert lengths and masses directly: if the code unit is 1 au, 1 au is exactly 1, not 1 + 1e-16.
         for name, own in (("mass", self.mass), ("length", self.length)):
             if own is not None and exponents == DIMENSIONS[name]:
                 return float(quantity.unit.to(own))
         try:
-            return float(quantity.unit.decompose(bases=[u.g, u.cm, u.s]).scale / self._cgs_factor(exponents))
+            return float(_in_cgs(quantity.unit).scale / self._cgs_factor(exponents))
         except ArithmeticError:  # overflow, for example of cm100 for a steep polytrope
             wrong = f"{quantity.unit} overflows in code units"
             raise UnitError(f"{wrong}; expected smaller powers, or other code units") from None
 
     @staticmethod
     def _cgs_unit(exponents: Exponents) -> str:
-        """Return a unit in the form that `parse_quantity` reads, like "g cm-2".
+        """Return the cgs unit with these exponents as `parse_quantity` reads it, like "g cm-2".
 
-        Powers that are no whole numbers are in brackets.
+        Powers that are not whole numbers are in brackets.
         """
         parts = []
         for base, power in zip(("g", "cm", "s"), exponents, strict=True):
@@ -376,30 +363,32 @@ _DISPLAY_UNITS = {
 }
 
 
+def _in_cgs(unit: Any) -> Any:
+    """Return an astropy unit as a number times powers of g, cm and s. Raises UnitsError for other bases."""
+    return unit.decompose(bases=[astropy.units.g, astropy.units.cm, astropy.units.s])
+
+
 @cache
 def _cgs_value(text: str) -> float:
-    from discsim.scene.astropy_units import units as u
-
-    return u.Unit(text).decompose(bases=[u.g, u.cm, u.s]).scale
+    """Return the unit that `text` names in cgs units."""
+    return _in_cgs(astropy.units.Unit(text)).scale
 
 
 def _dimension_words(quantity: Any) -> str:
-    """Return the dimension of a quantity in words, for messages."""
+    """Return the dimension of a quantity in words, like "a length", for messages."""
     words = str(quantity.unit.physical_type)
     if words == "unknown":
         return f"in {quantity.unit}"
-    return "a plain number" if words == "dimensionless" else a(words)
+    return "a plain number" if words == "dimensionless" else with_article(words)
 
 
 def seconds(text: str) -> float:
     """Return the seconds of a wall-clock time such as "10 min". Raises UnitError."""
-    from discsim.scene.astropy_units import units as u
-
     expected = 'a wall-clock time, like "10 min"'
     quantity = parse_quantity(text, expected)
-    if not quantity.unit.is_equivalent(u.s):
+    if not quantity.unit.is_equivalent(astropy.units.s):
         raise UnitError(f'"{clipped(text)}" is {_dimension_words(quantity)}; expected {expected}')
-    return quantity.to_value(u.s)
+    return quantity.to_value(astropy.units.s)
 
 
 def clock(seconds: float) -> str:

@@ -1,6 +1,6 @@
 """Cost study: runs of a scene with all combinations of given values, to compare their errors and CPU times.
 
-All combinations are run once before any is repeated, so that high load on the computer affects them equally.
+All combinations are run once before any of them is repeated, so that high load on the computer affects all equally.
 """
 
 from __future__ import annotations
@@ -8,26 +8,35 @@ from __future__ import annotations
 import csv
 import time
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-
-from discsim.output.files import appended, replace_atomically
+from discsim.output.files import replace_atomically
 from discsim.printable import printable
 from discsim.scene.units import clock
-from discsim.study.findings import show
-from discsim.study.points import Point, StudyError, Varied, axis_of, combinations, label_of, lines_of
-from discsim.study.runs import RUNS, Runs, Say
+from discsim.study.errors import measure_of, profile_errors
+from discsim.study.findings import print_results
+from discsim.study.points import (
+    Point,
+    StudyError,
+    Varied,
+    axis_of,
+    combinations,
+    keys_of,
+    label_of,
+    pareto_front,
+    points_by_line,
+)
+from discsim.study.runs import RUNS, LoggedConsole, Runs, Say
 from discsim.version import __version__
-
-WIDTH = 110  # width of the tables in characters, also without a terminal
 
 
 class Study:
-    """A cost study: combinations of values, their runs, and their directory. Raises StudyError, SceneError.
+    """A cost study: combinations of values of the keys `varied`, and their runs. Raises StudyError, SceneError.
 
-    `repeat` is the number of runs of each combination, `reference` the combination with which others are compared.
+    repeat: number of runs of each combination. settings, without: changes of the scene for all runs. The attribute
+    `reference` is the combination with which the others are compared, if there is no exact solution.
     """
 
     def __init__(
@@ -36,16 +45,12 @@ class Study:
     ) -> None:  # fmt: skip
         self.varied, self.repeat, self.directory = tuple(varied), repeat, directory
         self.runs = Runs(scene, directory, settings, without)
+        self.keys, self.axis = keys_of(self.varied), axis_of(self.varied)
         self.points = combinations(self.varied)
-        from discsim.study.errors import measure_of
-
-        self.measures = [measure_of(self.runs.scene(point.settings)) for point in self.points]
+        measures = [measure_of(self.runs.scene(point.settings)) for point in self.points]
+        # How the error against the exact solution is defined, as text; None if a combination has no exact solution.
+        self.exact_error = measures[0].words if all(measures) and measures[0] else None
         self.reference: Point | None = None
-
-    @property
-    def exact(self) -> str | None:
-        """Description of the error as text, if all combinations have an exact solution; else None."""
-        return self.measures[0].words if all(self.measures) and self.measures[0] else None
 
     # Running
 
@@ -61,7 +66,7 @@ class Study:
         total, begun = len(self.points) * self.repeat, time.monotonic()
         for count, (point, run) in enumerate(self._make_runs(todo, say, parallel), 1):
             point.runs.append(run)
-            self.runs.keep(point.settings, run)
+            self.runs.record(point.settings, run)
             left = (time.monotonic() - begun) / count * (len(todo) - count)
             what = run.get("stopped") or f"{run['cpu']:.3g} s of CPU, {run['steps']} steps"
             say(f"{total - len(todo) + count}/{total}  {label_of(point.settings)}: {what}  {clock(left)} left")
@@ -70,32 +75,30 @@ class Study:
     def _make_runs(
         self, todo: list[tuple[Point, int]], say: Say, parallel: int
     ) -> Iterator[tuple[Point, dict[str, Any]]]:
-        """Make the runs, given as (point, repetition), and yield each point with its result."""
+        """Make the runs in `todo`, given as (point, number of the repetition), and yield each point with its result."""
         if parallel > 1:
             points = [point for point, _ in todo]
-            yield from zip(points, self.runs.made([p.settings for p in points], say, parallel), strict=True)
+            yield from zip(points, self.runs.make([p.settings for p in points], say, parallel), strict=True)
             return
         for point, number in todo:
             if number and not point.done:
                 continue  # a run that stopped would stop again
-            yield point, next(self.runs.made([point.settings], say))
+            yield point, next(self.runs.make([point.settings], say))
 
     def _read_recorded_runs(self) -> None:
-        """Read the recorded runs. Raises StudyError if they belong to another study."""
-        for settings, run in self.runs.open({"varied": [each.name for each in self.varied]}):
+        """Read the recorded runs into the points. Raises StudyError if the record belongs to another study."""
+        for settings, run in self.runs.open_record({"varied": [each.name for each in self.varied]}):
             for point in self.points:
                 if point.settings == settings and len(point.runs) < self.repeat:
                     point.runs.append(run)
 
     def _set_errors(self) -> None:
-        """Set the errors of all points, against the exact solution or the run with the most particle updates."""
+        """Set the errors of all points, relative to the exact solution or to the run with the most particle updates."""
         done = [point for point in self.points if point.done]
-        if self.exact:
+        if self.exact_error:
             for point in done:
                 point.errors = point.runs[0]["errors"]
             return
-        from discsim.study.errors import profile_errors
-
         self.reference = max(done, key=lambda point: point.runs[0]["updates"], default=None)
         for point in done:
             if self.reference is not None and point is not self.reference:
@@ -103,19 +106,7 @@ class Study:
 
     def make(self, title: str, parallel: int) -> bool:
         """Make the runs, write cost.csv and cost.png, and print the results, also to cost.log. Return True."""
-        console = Console(markup=False, highlight=False, emoji=False, soft_wrap=True)
-        console.width = max(console.width, WIDTH)
-        lines: list[str] = []
-
-        def say(text: str) -> None:
-            console.print(text)
-            lines.append(text)
-            if log.parent.exists():
-                with appended(log) as file:
-                    file.write("".join(f"{line}\n" for line in lines).encode())
-                lines.clear()
-
-        log = self.directory / "cost.log"
+        say = LoggedConsole(self.directory / "cost.log")
         say(f"discsim {__version__}")
         say(f"{title}: {len(self.points)} combinations, {self.repeat} runs of each, into {printable(self.directory)}")
         self.run(say, parallel)
@@ -127,46 +118,34 @@ class Study:
 
         with replace_atomically(self.directory / "cost.png", ".png") as temporary:
             cost_figure(self, temporary)
-        with console.capture() as text:
-            show(self, console)
-        say(text.get().rstrip())
+        say.say_all(partial(print_results, self))
         say(f"table {printable(self.directory / 'cost.csv')}")
         say(f"figure {printable(self.directory / 'cost.png')}")
         say(f"runs {printable(self.directory / RUNS)}")
-        say(f"log {printable(self.directory / log.name)}")
+        say(f"log {printable(say.log)}")
         return True
 
     # Findings
 
-    @property
-    def axis(self) -> Varied | None:
-        """The varied keys that are the axis of tables and figures; see `axis_of`."""
-        return axis_of(self.varied)
-
     def lines(self) -> dict[str, list[Point]]:
-        """Return lists of points with an error that differ only in the keys of `axis`; see `lines_of`."""
-        return lines_of((point for point in self.points if point.error), self.axis)
+        """Return the points that have an error, grouped into lines of a figure; see `points_by_line`."""
+        return points_by_line((point for point in self.points if point.error), self.axis)
 
     def front(self) -> list[Point]:
-        """Return the Pareto front, the cheapest first: no other point is both cheaper and at least as accurate."""
-        found: list[Point] = []
-        for point in sorted((p for p in self.points if p.error), key=lambda p: p.cpu):
-            if not found or point.error < found[-1].error:
-                found.append(point)
-        return found
+        """Return the Pareto front of the points that have an error, the cheapest first."""
+        return pareto_front(point for point in self.points if point.error)
 
     def write(self) -> None:
         """Write cost.csv; the file appears when it is complete."""
         front = {id(point) for point in self.front()}
-        keys = [key for each in self.varied for key in each.keys]
         species = sorted({kind for point in self.points for kind in point.errors})
         kept = ("mass", "momentum", "angular_momentum", "energy")
         with replace_atomically(self.directory / "cost.csv") as temporary, temporary.open("w", newline="") as file:
             rows = csv.writer(file)
             head = ["runs", "cpu_seconds", "cpu_least", "cpu_most", "steps", "updates", "error"]
-            rows.writerow([*keys, *head, *(f"error_{kind}" for kind in species), *kept, "front", "status"])
+            rows.writerow([*self.keys, *head, *(f"error_{kind}" for kind in species), *kept, "front", "status"])
             for point in self.points:
-                row: list[Any] = [point.settings[key] for key in keys]
+                row: list[Any] = [point.settings[key] for key in self.keys]
                 if point.done:
                     cpu, first = [run["cpu"] for run in point.runs], point.runs[0]
                     row += [len(cpu), point.cpu, min(cpu), max(cpu), first["steps"], first["updates"]]

@@ -1,4 +1,4 @@
-"""The figure of a cost study: error against CPU seconds, with a line for runs that differ only in the keys `axis`."""
+"""The figure of a cost study: error against CPU seconds, with a line through runs that differ only in one key."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from discsim.output.drawing import figure_text
@@ -18,9 +17,8 @@ if TYPE_CHECKING:
 
 
 def cost_figure(study: Study, path: Path) -> None:
-    """Draw lines of runs, the Pareto front (circles), and slopes of -1 and -2, to the PNG file `path`."""
+    """Draw the runs in lines, the Pareto front (circles), and slopes of -1 and -2, and write the PNG file `path`."""
     figure = Figure(figsize=(7.5, 5.5), layout="constrained")
-    FigureCanvasAgg(figure)
     axes = figure.add_subplot()
     for number, (name, points) in enumerate(study.lines().items()):
         marker = "osD^vP*X<>"[number % 10]
@@ -44,8 +42,8 @@ def cost_figure(study: Study, path: Path) -> None:
     if errors:
         axes.set(xscale="log", yscale="log", ylim=(0.5 * min(errors), 2.0 * max(errors)))
     axes.set(xlabel="CPU time of the steps [s]", ylabel="error")
-    if study.exact:
-        axes.set_title(study.exact, fontsize=9)
+    if study.exact_error:
+        axes.set_title(study.exact_error, fontsize=9)
     elif study.reference is not None:
         axes.set_title(f"compared with {figure_text(label_of(study.reference.settings))}", fontsize=9)
     axes.grid(alpha=0.3, which="both", lw=0.4)

@@ -16,13 +16,14 @@ from discsim.initial.measure import ErrorMeasure
 from discsim.output.history import columns_of, history_row
 from discsim.physics.eos import eos_of
 from discsim.run.simulation import Simulation
+from discsim.scene import Scene
 
 Array = np.ndarray
 RINGS = 24  # rings of the profile of a disc, or squares along each side of a box
 
 
 def measure_of(scene: Any) -> ErrorMeasure | None:
-    """Return the measure of the error against the exact solution; None if the scene has no exact solution."""
+    """Return the measure of the error of a run against the exact solution; None if there is no exact solution."""
     if scene.initial is None:
         return None
     start = start_of(scene)
@@ -31,14 +32,19 @@ def measure_of(scene: Any) -> ErrorMeasure | None:
     return start.measure(scene)
 
 
-def profiles(sim: Simulation) -> dict[str, list[float]]:
-    """Return the mass in rings of a disc, or in squares of a box, by species as flat lists.
+def is_disc(scene: Scene) -> bool:
+    """Return whether the scene is two-dimensional with the origin in the middle of space."""
+    return scene.centred and scene.space.dimensions == 2
 
-    They are used to compare runs if there is no exact solution.
+
+def profiles(sim: Simulation) -> dict[str, list[float]]:
+    """Return, by species, the mass in each ring of a disc, or in each square of a box, as a flat list.
+
+    Runs are compared by these masses if there is no exact solution.
     """
     scene, out = sim.scene, {}
     for kind, p in sim.state.species.items():
-        if scene.centred and scene.space.dimensions == 2:
+        if is_disc(scene):
             edges = np.linspace(0.0, 0.5 * min(scene.space.size), RINGS + 1)
             mass, _ = np.histogram(np.sqrt((p.pos**2).sum(axis=1)), edges, weights=p.mass)
         else:
@@ -50,9 +56,9 @@ def profiles(sim: Simulation) -> dict[str, list[float]]:
 
 
 def profile_errors(found: dict[str, list[float]], reference: dict[str, list[float]]) -> dict[str, float]:
-    """Return by species the fraction of the mass in a wrong bin, 0.5 sum |m - m_ref| / sum m_ref.
+    """Return, by species, the fraction of the mass in a wrong bin, 0.5 sum |m - m_ref| / sum m_ref.
 
-    `found` and `reference` have the masses m and m_ref in bins, from `profiles`.
+    found, reference: the masses m and m_ref in bins by species, from `profiles`.
     """
     return {
         kind: float(0.5 * np.abs(np.subtract(mass, reference[kind])).sum() / max(np.sum(reference[kind]), 1e-300))
@@ -61,29 +67,26 @@ def profile_errors(found: dict[str, list[float]], reference: dict[str, list[floa
 
 
 def totals(sim: Simulation) -> dict[str, float]:
-    """Return totals of conserved quantities of a simulation, with what was accreted, and scales for their changes.
+    """Return totals of the conserved quantities of a simulation, by name, and scales for their changes.
 
-    "spin" is the angular momentum. "moved", "spun" and "size" are sums of magnitudes, the scales of momentum, angular
-    momentum and energy. "closed" is 1 if momentum is conserved, else 0; "held" is the same for energy.
+    Totals of mass, momentum and angular momentum ("spin") include accreted particles. "moved", "spun" and "size" are
+    sums of magnitudes: the scales of momentum, angular momentum and energy. "closed" is 1 if momentum is conserved,
+    else 0; "held" is the same for energy.
     """
     with sim.closed() as state:
         row: dict[str, Any] = dict(zip(columns_of(sim.scene), history_row(state, sim.effects, 0.0, ""), strict=True))
         species = state.species.values()
-        speeds = [np.sqrt((p.vel**2).sum(axis=1)) for p in species]
-        moved = sum(float(p.mass @ speed) for p, speed in zip(species, speeds, strict=True))
-        spun = sum(
-            float(p.mass @ (speed * np.sqrt((p.pos**2).sum(axis=1)))) for p, speed in zip(species, speeds, strict=True)
-        )
+        moved, spun = 0.0, 0.0
+        for p in species:
+            speed = np.sqrt((p.vel**2).sum(axis=1))
+            moved += float(p.mass @ speed)
+            spun += float(p.mass @ (speed * np.sqrt((p.pos**2).sum(axis=1))))
         ledger = state.ledger
     energy = row["kinetic_gas"] + row["kinetic_dust"] + row["thermal"] + row["potential"] + row["radiated"]
     momentum = np.array([row["momentum_x"], row["momentum_y"]]) + ledger.accreted_momentum
+    mass = row["mass_gas"] + row["mass_dust"] + ledger.accreted_gas + ledger.accreted_dust
     return {
-        "mass": row["mass_gas"]
-        + row["mass_dust"]
-        + ledger.accreted_gas
-        + ledger.accreted_dust
-        + row.get("mass_small", 0.0)
-        + ledger.accreted_small,
+        "mass": mass + row.get("mass_small", 0.0) + ledger.accreted_small,
         "momentum_x": float(momentum[0]),
         "momentum_y": float(momentum[1]),
         "spin": row["angular_momentum"] + ledger.accreted_angular_momentum,
@@ -97,10 +100,10 @@ def totals(sim: Simulation) -> dict[str, float]:
 
 
 def drifts(before: dict[str, float], after: dict[str, float]) -> dict[str, float | None]:
-    """Return relative changes of mass, momentum, angular momentum and energy between two results of `totals`.
+    """Return the relative changes of mass, momentum, angular momentum and energy between two results of `totals`.
 
-    Changes are divided by sums of magnitudes. None for quantities that are not conserved: the energy of gas with a
-    prescribed temperature, and the momentum in a tube with fixed ends.
+    Changes are divided by sums of magnitudes. The change of a quantity that is not conserved is None: of the energy of
+    gas with a prescribed temperature, and of the momentum in a tube with fixed ends.
     """
 
     def over(change: float, scale: str) -> float:

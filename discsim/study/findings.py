@@ -11,34 +11,34 @@ from rich.console import Console
 from rich.table import Table
 
 from discsim.printable import printable
-from discsim.study.points import Point, Varied, label_of, leaves, number_in
+from discsim.study.points import Point, Varied, label_of, number_in, short_names
 
 if TYPE_CHECKING:
     from discsim.study.cost import Study
 
 GOALS = (0.1, 0.01, 0.001)  # errors whose cheapest settings are printed
-MAX_EXTRAPOLATION = 1e8  # largest extrapolated cost over that of the most accurate run
+MAX_EXTRAPOLATION = 1e8  # largest ratio of an extrapolated cost to the cost of the most accurate run
 EQUAL_VALUES = 1e-9  # relative difference below which two values of x are equal to rounding
 
 
 def fitted_power(x: Sequence[float], y: Sequence[float]) -> float | None:
-    """Return p of a least-squares fit y ~ x^p in logarithms.
+    """Return the power p of a least-squares fit y ~ x^p in logarithms.
 
-    None with fewer than two different x, or if a number is not positive.
+    None if fewer than two values of x differ, or if a number is not positive.
     """
     if len(x) < 2 or min(*x, *y) <= 0.0 or max(x) <= (1.0 + EQUAL_VALUES) * min(x):
         return None
     return float(np.polyfit(np.log(x), np.log(y), 1)[0])
 
 
-def price(points: Sequence[Point], goal: float, of: Callable[[Point], float]) -> tuple[float, bool] | None:
-    """Return the cost at which the error is `goal`, and whether it is extrapolated.
+def cost_of_error(points: Sequence[Point], goal: float, cost: Callable[[Point], float]) -> tuple[float, bool] | None:
+    """Return the cost at which the error is `goal`, and whether the cost is extrapolated.
 
-    `of` returns the cost of a point. Between points, ln cost is linear in ln error; beyond the most accurate point it
-    is extrapolated from the two most accurate ones. None if this is impossible, or gives MAX_EXTRAPOLATION times the
-    cost of the most accurate point or more.
+    cost: returns the cost of a point. Between points, ln cost is linear in ln error. Below the smallest error, it is
+    extrapolated from the two most accurate points. None if this is impossible, or if the result is MAX_EXTRAPOLATION
+    times the cost of the most accurate point or more.
     """
-    known = sorted((point.error or np.inf, of(point)) for point in points)
+    known = sorted((point.error or np.inf, cost(point)) for point in points)
     known = [(error, paid) for k, (error, paid) in enumerate(known) if all(paid < other for _, other in known[:k])]
     if len(known) < 2:
         return (known[0][1], False) if known and known[0][0] <= goal else None
@@ -51,22 +51,21 @@ def price(points: Sequence[Point], goal: float, of: Callable[[Point], float]) ->
     return (float(np.exp(paid[0] + more)), True) if more < np.log(MAX_EXTRAPOLATION) else None
 
 
-def show(study: Study, console: Console) -> None:
+def print_results(study: Study, console: Console) -> None:
     """Print a table of the runs, the cheapest settings for each error in GOALS, and a table of the lines.
 
-    A line is a list of runs that differ only in the keys `study.axis`.
+    A line consists of runs that differ only in the keys `study.axis`.
     """
-    if study.exact:
-        console.print(f"error: {study.exact}")
+    if study.exact_error:
+        console.print(f"error: {study.exact_error}")
     elif study.reference is not None:
         console.print(
             f"error: mass displaced relative to the run with {label_of(study.reference.settings)} (no exact solution)"
         )
     front = {id(point) for point in study.front()}
-    keys = [key for each in study.varied for key in each.keys]
-    runs = Table("", *leaves(keys), "error", "CPU s", "steps", "updates", "momentum", "energy", box=SIMPLE)
+    runs = Table("", *short_names(study.keys), "error", "CPU s", "steps", "updates", "momentum", "energy", box=SIMPLE)
     for point in study.points:
-        values = [printable(point.settings[key]) for key in keys]
+        values = [printable(point.settings[key]) for key in study.keys]
         if not point.done:
             runs.add_row("", *values, point.runs[0]["stopped"] if point.runs else "not run")
             continue
@@ -89,7 +88,7 @@ def show(study: Study, console: Console) -> None:
     if study.axis is None:
         return
     console.print(
-        f"\nerror ~ {', '.join(leaves(study.axis.keys))}^p; CPU seconds, and particle updates, for an error of"
+        f"\nerror ~ {', '.join(short_names(study.axis.keys))}^p; CPU seconds, and particle updates, for an error of"
     )
     orders = Table("line", "p", "half the error", box=SIMPLE)
     for goal in GOALS:
@@ -102,7 +101,7 @@ def show(study: Study, console: Console) -> None:
 
 
 def _order_cells(axis: Varied, points: Sequence[Point]) -> Iterator[str]:
-    """Yield the cells of a row: order, factor in cost for half the error, and the cost of each error in GOALS."""
+    """Yield the cells of a line's row: order, factor in cost for half the error, and cost of each error in GOALS."""
     values = [number_in(point.settings[axis.keys[0]]) or np.nan for point in points]
     errors = [point.error or np.nan for point in points]
     order = fitted_power(values, errors)
@@ -110,6 +109,6 @@ def _order_cells(axis: Varied, points: Sequence[Point]) -> Iterator[str]:
     dearer = fitted_power(errors, [point.cpu for point in points])
     yield "" if dearer is None or dearer >= 0.0 else f"costs {0.5**dearer:.2g} times"
     for goal in GOALS:
-        for of in (lambda point: point.cpu, lambda point: float(point.runs[0]["updates"])):
-            paid = price(points, goal, of)
+        for cost in (lambda point: point.cpu, lambda point: float(point.runs[0]["updates"])):
+            paid = cost_of_error(points, goal, cost)
             yield "" if paid is None else f"{'~' if paid[1] else ''}{paid[0]:.2g}"

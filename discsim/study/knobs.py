@@ -1,8 +1,8 @@
 """Knobs of a scene: numerical parameters that the search for cheap settings varies.
 
-A knob is a number or a choice. One rung up multiplies a number by a fixed ratio, towards higher accuracy; the rungs
-of a choice number its values. A place is a tuple with a rung for each knob, 0 for the value in the scene. The knobs
-follow from the tables of the scene and the types of their keys:
+A knob is a number or a choice. One rung up multiplies a number by a fixed ratio, towards higher accuracy. A grid point
+is a tuple with an entry for each knob, 0 for the value in the scene: for a number it counts half rungs, for a choice it
+is the number of its value. The knobs follow from the tables of the scene and the types of their keys:
 
     particles        particle numbers of gas and dust, with a fixed smoothing length that keeps neighbour numbers
     dust particles   particle numbers of dust
@@ -32,25 +32,25 @@ from discsim.scene.fields import choices_in
 from discsim.scene.messages import value_at
 from discsim.scene.rules import Draft, longest_courant
 from discsim.study.points import Settings, StudyError, Varied
-from discsim.study.trials import RUNG, Place
+from discsim.study.trials import UNITS_PER_RUNG, GridPoint
 
 # Numeric keys with the factor of one rung. `particles` and `neighbours` have their own factors, below.
 NUMBERS = {"run.courant": 0.5**0.5, "run.timestep": 0.5**0.5, "space.cells": 2.0, "drag.cell": 0.5}
 CHOICES = ("drag.scheme", "gas.kernel", "gas.precision")
 MORE_PARTICLES = 2.0
-# Factor of one rung, and stride, by dimensions: in 1D the density is right only if h is a whole number of particle
-# spacings (`formulas/smoothing.py`).
-MORE_NEIGHBOURS = {1: (2.0, RUNG), 2: (1.25, 1)}
+# Factor of one rung, and stride in half rungs, by dimensions: in 1D the density is right only if h is a whole number of
+# particle spacings (`formulas/smoothing.py`).
+MORE_NEIGHBOURS = {1: (2.0, UNITS_PER_RUNG), 2: (1.25, 1)}
 MIN_PARTICLES = {1: 24, 2: 150}  # smallest particle number of a species, by dimensions
 MIN_VALUE, MAX_VALUE = {"space.cells": 8.0, "run.courant": 0.01}, {"space.cells": 8192.0}
-MAX_RUNGS = 8 * RUNG  # largest number of rungs of a number in each direction
-# Rungs of `particles` from the scene down to the start of a search, by dimensions.
-START_RUNGS = {1: 3 * RUNG, 2: 4 * RUNG}
+MAX_RUNGS = 8 * UNITS_PER_RUNG  # largest entry of a number in a grid point, up and down
+# Half rungs of `particles` from the scene down to the start of a search, by dimensions.
+START_RUNGS = {1: 3 * UNITS_PER_RUNG, 2: 4 * UNITS_PER_RUNG}
 _QUANTITY = re.compile(r"\s*([\d_.eE+-]+)(.*)", re.S)
 
 
 class Base:
-    """A validated scene, with its tables as written in TOML, to whose values the factors of knobs refer."""
+    """A validated scene and its tables as written in TOML; the factors of knobs multiply their values."""
 
     def __init__(self, scene: Scene) -> None:
         self.scene, self.data = scene, tomllib.loads(scene.text)
@@ -60,7 +60,7 @@ class Base:
         return value_at(self.data, *(int(part) if part.isdecimal() else part for part in key.split(".")))
 
     def value(self, key: str) -> Any:
-        """Return the value of a key as written, or else its default."""
+        """Return the value of a key as written, or its default if the scene does not set it."""
         found = self.written(key)
         if found is None:
             found = self.scene
@@ -71,7 +71,7 @@ class Base:
         return found
 
     def times(self, key: str, factor: float, whole: bool = False, digits: int = 4) -> str:
-        """Return the value of a key times a factor, as text with the same unit.
+        """Return the value of a key times a factor, as text with the unit of the value.
 
         The number is rounded to an integer if `whole`, else to `digits` significant digits.
         """
@@ -91,18 +91,22 @@ class Base:
         return [f"{table}.particles" for table in (["gas"] if self.scene.gas else []) + tables]
 
 
+Write = Callable[[Base, Any], Settings]  # settings of a knob from a factor, or from the word of a choice
+
+
 @dataclass(frozen=True)
 class Knob:
-    """A parameter that a search varies.
+    """A parameter that a search varies: a number, or a choice.
 
-    `keys` are the keys of the scene that it sets. `write(base, factor)`, for a choice `write(base, word)`, returns
-    the settings for a rung other than 0. `ratio` is the factor of one rung. `words` are the values of a choice by
-    rung, "" for the value in the scene. Rungs range from `lowest` to `highest` in steps of `stride`.
+    keys: keys of the scene that it sets. write: write(base, factor), for a choice write(base, word), returns the
+    settings for an entry of a grid point other than 0. ratio: factor of one rung. words: values of a choice, of which
+    the first, "", stands for the value in the scene. lowest, highest, stride: range of the entry in a grid point, and
+    its steps.
     """
 
     name: str
     keys: tuple[str, ...]
-    write: Callable[[Base, Any], Settings]
+    write: Write
     ratio: float = 1.0
     words: tuple[str, ...] = ()
     lowest: int = -MAX_RUNGS
@@ -110,26 +114,26 @@ class Knob:
     stride: int = 1
 
     @property
-    def choice(self) -> bool:
+    def is_choice(self) -> bool:
+        """True if the knob is a choice, not a number."""
         return bool(self.words)
 
     def word(self, base: Base, rung: int) -> str:
-        """Return the value of a choice at a rung as text."""
+        """Return the value number `rung` of a choice as text."""
         return self.words[rung] or str(base.value(self.keys[0]))
 
     def settings(self, base: Base, rung: int) -> Settings:
-        """Return the settings of a rung; {} for rung 0."""
+        """Return the settings for the entry `rung` of a grid point; {} for 0."""
         if rung == 0:
             return {}
-        return self.write(base, self.words[rung] if self.choice else self.ratio ** (rung / RUNG))
+        return self.write(base, self.words[rung] if self.is_choice else self.ratio ** (rung / UNITS_PER_RUNG))
 
 
 class Knobs:
-    """All knobs of a scene, and the settings of places.
+    """All knobs of a scene, and the settings of grid points. Raises StudyError.
 
-    `load(settings)` returns the scene with these settings. `varied` are the --vary options of the user, `keep` the
-    names or keys of knobs that stay fixed. `finest` is the highest rung of `particles`, in half rungs. Raises
-    StudyError.
+    load: load(settings) returns the scene with these settings. varied: the --vary options of the user. keep: names or
+    keys of knobs that stay fixed. finest: largest entry of the knob `particles`, in half rungs.
     """
 
     def __init__(
@@ -144,38 +148,36 @@ class Knobs:
         known = [key for knob in [*given, *found] for key in (knob.name, *knob.keys)]
         for key in keep:
             if key not in known:
-                raise StudyError(
-                    f"--keep {key}: not a setting that the search varies; expected some of "
-                    f"{', '.join(known)}{near(key, known)}"
-                )
+                expected = f"expected some of {', '.join(known)}{near(key, known)}"
+                raise StudyError(f"--keep {key}: not a setting that the search varies; {expected}")
         self.all = [*given, *(knob for knob in found if not taken & {knob.name, *knob.keys[:1]})]
         if not self.all:
             raise StudyError("no setting is left to vary; expected fewer --keep")
-        self._settings: dict[Place, Settings | None] = {}
+        self._settings: dict[GridPoint, Settings | None] = {}
 
-    def start(self) -> Place:
-        """Return the place at which a search starts: fewer particles, and the scene's values of all other knobs."""
+    def start(self) -> GridPoint:
+        """Return the grid point at which a search starts: fewer particles, all other knobs as in the scene."""
         coarse = -START_RUNGS[self.base.scene.space.dimensions]
         return tuple(max(coarse, knob.lowest) if knob.name == "particles" else 0 for knob in self.all)
 
-    def settings(self, place: Place) -> Settings | None:
-        """Return the settings of a place; None if the scene is invalid with them."""
-        if place not in self._settings:
+    def settings(self, point: GridPoint) -> Settings | None:
+        """Return the settings of a grid point; None if the scene is invalid with them."""
+        if point not in self._settings:
             try:
-                self._settings[place] = self._settings_of(place)
+                self._settings[point] = self._settings_of(point)
             except SceneError:
-                self._settings[place] = None
-        return self._settings[place]
+                self._settings[point] = None
+        return self._settings[point]
 
-    def _settings_of(self, place: Place) -> Settings:
-        """Return the settings of a place. Raises SceneError.
+    def _settings_of(self, point: GridPoint) -> Settings:
+        """Return the settings of a grid point. Raises SceneError if the scene is invalid with them.
 
         Choices are set first, because the default values of numbers may depend on them.
         """
         base, out = self.base, Settings()
         for choices in (True, False):
-            for knob, rung in zip(self.all, place, strict=True):
-                if knob.choice == choices:
+            for knob, rung in zip(self.all, point, strict=True):
+                if knob.is_choice == choices:
                     out |= knob.settings(base, rung)
                     if knob.name == "particles" and rung:
                         base = Base(self.load(out))
@@ -195,22 +197,18 @@ class Knobs:
         return True
 
     def _knob_of_option(self, varied: Varied) -> Knob:
-        """Return the knob of a --vary option, without values that the scene has already.
+        """Return the knob of a --vary option, without the values that do not change the scene.
 
         Raises StudyError, SceneError.
         """
-
-        def write(base: Base, word: str) -> Settings:
-            return varied.settings(word)
-
         found = [(value, self.load(varied.settings(value))) for value in varied.values]
         words = [value for value, scene in found if any(differences(self.base.scene, scene))]
         if not words:
             raise StudyError(f"--vary {varied.name}: only the value of the scene; expected other values")
-        return Knob(varied.name, varied.keys, write, words=("", *words), lowest=0, highest=len(words))
+        return _choice_knob(varied.name, varied.keys, lambda base, word: varied.settings(word), words)
 
     def _choice_knobs(self) -> Iterator[Knob]:
-        """Yield a knob for each key in CHOICES that has another valid value than that of the scene."""
+        """Yield a knob for each key in CHOICES for which values other than the scene's are valid."""
         scene = self.base.scene
         for key in CHOICES:
             table, name = key.split(".")
@@ -220,12 +218,12 @@ class Knobs:
             own = getattr(scene.table(table), name)
             others = [word for word in choices_in(field.annotation) if word != own]
             write = _write_kernel if key == "gas.kernel" else _write_word(key)
-            words = tuple(word for word in others if self._is_valid(write(self.base, word)))
+            words = [word for word in others if self._is_valid(write(self.base, word))]
             if words:
-                yield Knob(key, (key,), write, words=("", *words), lowest=0, highest=len(words))
+                yield _choice_knob(key, (key,), write, words)
 
     def _particle_knobs(self, finest: int) -> Iterator[Knob]:
-        """Yield the knobs `particles` and `dust particles`."""
+        """Yield the knobs `particles` and `dust particles`, if the scene sets all particle numbers."""
         base, dim = self.base, self.base.scene.space.dimensions
         scene, keys = base.scene, tuple(base.species)
         counts = {key: int(base.value(key) if base.written(key) is not None else 0) for key in keys}
@@ -233,8 +231,9 @@ class Knobs:
             return
 
         def lowest(some: Sequence[str]) -> int:
+            # The smallest entry of a knob that sets these keys.
             least = min(counts[key] for key in some) / MIN_PARTICLES[dim]
-            return -min(MAX_RUNGS, int(RUNG * math.log2(max(least, 1.0))))
+            return -min(MAX_RUNGS, int(UNITS_PER_RUNG * math.log2(max(least, 1.0))))
 
         def particles(at: Base, factor: float) -> Settings:
             out = {key: at.times(key, factor, whole=True) for key in keys}
@@ -247,9 +246,7 @@ class Knobs:
         dust = tuple(key for key in keys if key.startswith("dust"))
         if dust and len(dust) < len(keys) and not scene.model.cells:
             write = _write_multiple(*dust, whole=True)
-            yield Knob(
-                "dust particles", dust, write, MORE_PARTICLES, lowest=lowest(dust), highest=min(finest, MAX_RUNGS)
-            )
+            yield Knob("dust particles", dust, write, MORE_PARTICLES, lowest=lowest(dust), highest=finest)
 
     def _longest_courant(self) -> float:
         """Return the largest stable Courant factor of the scene."""
@@ -265,7 +262,7 @@ class Knobs:
             if key == "space.cells":
                 if scene.space.dimensions == 2 and any(e.role.grid for e in effect_classes(scene).values()):
                     lowest, highest = _rung_limits(key, float(_write_cells(self.base, 1.0)[key]), ratio)
-                    yield Knob(key, (key,), _write_cells, ratio, (), lowest, highest, stride=RUNG)
+                    yield Knob(key, (key,), _write_cells, ratio, (), lowest, highest, stride=UNITS_PER_RUNG)
             elif value is None or (key == "run.courant" and scene.run.timestep is not None):
                 continue
             elif self._is_valid(_write_multiple(key)(self.base, ratio)):
@@ -275,29 +272,38 @@ class Knobs:
         if scene.gas and not scene.model.cells:
             key = "gas.eta" if scene.gas.smoothing_length is None else "gas.smoothing_length"
             more, stride = MORE_NEIGHBOURS[scene.space.dimensions]
-            yield Knob("neighbours", (key,), _write_multiple(key, digits=8), more, (), -3 * RUNG, 6 * RUNG, stride)
+            ends = -3 * UNITS_PER_RUNG, 6 * UNITS_PER_RUNG
+            yield Knob("neighbours", (key,), _write_multiple(key, digits=8), more, (), *ends, stride)
 
 
 def _rung_limits(key: str, value: float, ratio: float, most: float = math.inf) -> tuple[int, int]:
-    """Return the lowest and highest rung at which a key stays within MIN_VALUE and MAX_VALUE, and at most `most`."""
+    """Return the range of the entry of a grid point in which a key stays within its limits.
+
+    value: value of the key in the scene. ratio: factor of one rung. The limits are MIN_VALUE, MAX_VALUE and `most`.
+    """
     bounds = [MIN_VALUE.get(key, 0.0), min(most, MAX_VALUE.get(key, math.inf))]
-    ends = [RUNG * math.log(bound / value) / math.log(ratio) for bound in bounds if 0.0 < bound < math.inf]
+    ends = [UNITS_PER_RUNG * math.log(bound / value) / math.log(ratio) for bound in bounds if 0.0 < bound < math.inf]
     low, high = (min(ends), max(ends)) if ends else (-MAX_RUNGS, MAX_RUNGS)
     return min(0, max(-MAX_RUNGS, math.ceil(low - 1e-9))), max(0, min(MAX_RUNGS, math.floor(high + 1e-9)))
 
 
-def _write_word(key: str) -> Callable[[Base, str], Settings]:
-    """Return the function `write` of a knob that sets a key to a word."""
+def _choice_knob(name: str, keys: tuple[str, ...], write: Write, words: Sequence[str]) -> Knob:
+    """Return the knob of a choice between the value in the scene and `words`."""
+    return Knob(name, keys, write, words=("", *words), lowest=0, highest=len(words))
+
+
+def _write_word(key: str) -> Write:
+    """Return the function `Knob.write` of a knob that sets a key to a word."""
     return lambda base, word: {key: word}
 
 
-def _write_multiple(*keys: str, whole: bool = False, digits: int = 4) -> Callable[[Base, float], Settings]:
-    """Return the function `write` of a knob that multiplies the values of keys by a factor."""
+def _write_multiple(*keys: str, whole: bool = False, digits: int = 4) -> Write:
+    """Return the function `Knob.write` of a knob that multiplies the values of keys by a factor."""
     return lambda base, factor: {key: base.times(key, factor, whole, digits) for key in keys}
 
 
 def _write_kernel(base: Base, word: str) -> Settings:
-    """Return the settings for another kernel; if the scene sets eta, its ratio to the kernel's default is kept."""
+    """Return the settings for the kernel `word`. If the scene sets eta, its ratio to the kernel's default is kept."""
     eta = base.written("gas.eta")
     if eta is None:
         return {"gas.kernel": word}
@@ -307,7 +313,7 @@ def _write_kernel(base: Base, word: str) -> Settings:
 
 
 def _write_cells(base: Base, factor: float) -> Settings:
-    """Return the setting of `space.cells`, the cells along the longest side: its default times a factor.
+    """Return the settings with `space.cells`, the number of cells along the longest side: the default times a factor.
 
     The default is about one cell per particle.
     """

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from discsim.scene import Scene
-from discsim.study.errors import RINGS, measure_of, profile_errors, profiles
+from discsim.study.errors import RINGS, is_disc, measure_of, profile_errors, profiles
 
 Array = np.ndarray
 Run = dict[str, Any]
@@ -36,8 +36,8 @@ WORDS = {
 class Measure(NamedTuple):
     """A measure of the error of a run.
 
-    `name` is its name on the command line, such as "dust-modes", `words` its description. `kind` is the species, and
-    `what` is "profile", "modes" or "clumps"; both are "" for the error against the exact solution.
+    name: name on the command line, such as "dust-modes". words: description. kind: species, "gas" or "dust". what:
+    "profile", "modes" or "clumps". kind and what are "" for the error against the exact solution.
     """
 
     name: str
@@ -46,12 +46,16 @@ class Measure(NamedTuple):
     what: str = ""
 
     @property
-    def exact(self) -> bool:
+    def is_exact(self) -> bool:
+        """True for the error against the exact solution."""
         return not self.what
 
     def error(self, run: Run, reference: Run | None) -> float:
-        """Return the error of a run, a result of `study.runs`; only the measure "exact" needs no `reference` run."""
-        if self.exact:
+        """Return the error of a run.
+
+        run, reference: results of runs, from `study.runs`; `reference` may be None for the measure "exact".
+        """
+        if self.is_exact:
             return max(run["errors"].values())
         assert reference is not None
         found, wanted = (each[_KEYS[self.what]][self.kind] for each in (run, reference))
@@ -60,43 +64,45 @@ class Measure(NamedTuple):
         return float(np.abs(np.subtract(found, wanted)).max())
 
 
-_KEYS = {"profile": "profiles", "modes": "modes", "clumps": "clumps"}  # keys of recorded runs
+_KEYS = {"profile": "profiles", "modes": "modes", "clumps": "clumps"}  # names in the results of a run
 
 
 def measures_of(scene: Scene) -> dict[str, Measure]:
-    """Return the measures that a scene has, by name; the first is the default."""
+    """Return the measures of the error that runs of the scene have, by name; the first is the default."""
     found: list[Measure] = []
     exact = measure_of(scene)
     if exact is not None:
         found.append(Measure("exact", exact.words))
-    disc = scene.centred and scene.space.dimensions == 2
-    for what in WORDS if disc else ("profile",):
+    for what in WORDS if is_disc(scene) else ("profile",):
         for kind in ("dust", "gas"):
             if getattr(scene, kind):
                 found.append(Measure(f"{kind}-{what}", WORDS[what].format(kind=kind), kind, what))
     return {each.name: each for each in found}
 
 
-def mean_of(runs: list[Run]) -> Run:
-    """Return profiles, modes and clumps, averaged over several runs, in the form of the result of a run."""
+def mean_run(runs: list[Run]) -> Run:
+    """Return the mean of profiles, modes and clumps over several runs, in the form of the results of one run."""
     keys = [key for key in _KEYS.values() if key in runs[0]]
     return {
         key: {kind: np.mean([run[key][kind] for run in runs], axis=0).tolist() for kind in runs[0][key]} for key in keys
     }
 
 
-def seen(sim: Any) -> Run:
-    """Return profiles, and for a disc modes and clumps, of a simulation: lists of numbers by name and species."""
+def structure_of(sim: Any) -> Run:
+    """Return the profiles of a simulation, and for a disc modes and clumps: lists of numbers by name and species."""
     out: Run = {"profiles": profiles(sim)}
-    if sim.scene.centred and sim.scene.space.dimensions == 2:
+    if is_disc(sim.scene):
         reach = 0.5 * min(sim.scene.space.size)
-        for key, of in (("modes", amplitudes), ("clumps", clumped)):
+        for key, of in (("modes", mode_amplitudes), ("clumps", clump_fraction)):
             out[key] = {kind: of(p.pos, p.mass, reach) for kind, p in sim.state.species.items()}
     return out
 
 
-def amplitudes(pos: Array, mass: Array, reach: float) -> list[float]:
-    """Return the amplitudes A_m for m in MODES, in rings within `reach`, from pos (n, 2) and mass (n,)."""
+def mode_amplitudes(pos: Array, mass: Array, reach: float) -> list[float]:
+    """Return the amplitudes A_m for m in MODES, in rings within the radius `reach`.
+
+    pos (n, 2), mass (n,): positions and masses of all particles.
+    """
     radius, angle = np.hypot(*pos.T), np.arctan2(pos[:, 1], pos[:, 0])
     ring = np.minimum((radius / reach * RINGS).astype(int), RINGS)  # index RINGS: beyond `reach`, left out
     noise = np.bincount(ring, mass**2, RINGS + 1)[:RINGS]
@@ -107,8 +113,11 @@ def amplitudes(pos: Array, mass: Array, reach: float) -> list[float]:
     return out
 
 
-def clumped(pos: Array, mass: Array, reach: float) -> list[float]:
-    """Return a list of one number, the mass fraction in clumps within `reach`, from pos (n, 2) and mass (n,)."""
+def clump_fraction(pos: Array, mass: Array, reach: float) -> list[float]:
+    """Return the mass fraction in clumps within the radius `reach` as a list of one number.
+
+    pos (n, 2), mass (n,): positions and masses of all particles.
+    """
     on_map, _ = np.histogramdd(pos, bins=PIXELS, range=[(-reach, reach)] * 2, weights=mass)
     x = (np.arange(PIXELS) + 0.5) * 2.0 / PIXELS - 1.0
     ring = (np.hypot(x[:, None], x) * RINGS).astype(int)

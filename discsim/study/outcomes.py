@@ -22,7 +22,8 @@ from discsim.output.costtable import read_costs
 from discsim.output.history import TEXT_COLUMNS, columns_of, read_history
 from discsim.output.snapshot import SnapshotParticles, read_snapshot
 from discsim.scene import Scene, near
-from discsim.study.measures import amplitudes, clumped
+from discsim.study.errors import is_disc
+from discsim.study.measures import clump_fraction, mode_amplitudes
 from discsim.study.points import StudyError
 
 Array = np.ndarray
@@ -45,7 +46,7 @@ SNAPSHOT_RESULTS = {
 
 
 class Outcome(NamedTuple):
-    """A kind of result: its name, its unit ("" for a plain number), and the factor from code units to this unit."""
+    """A kind of result: name, unit ("" for a plain number), and factor from code units to this unit."""
 
     name: str
     unit: str
@@ -53,11 +54,12 @@ class Outcome(NamedTuple):
 
     @property
     def head(self) -> str:
+        """The name with the unit, for heads of tables."""
         return f"{self.name} [{self.unit}]" if self.unit else self.name
 
 
 def outcomes_of(scene: Scene) -> dict[str, Outcome]:
-    """Return all kinds of results that a run of the scene has, by name."""
+    """Return all kinds of results that runs of the scene have, by name."""
     dimensions: dict[str, str] = {}
     for column in columns_of(scene):
         if column not in TEXT_COLUMNS:
@@ -73,16 +75,13 @@ def outcomes_of(scene: Scene) -> dict[str, Outcome]:
 
 
 def _outcome(scene: Scene, name: str, dimension: str) -> Outcome:
+    """Return a kind of result with the dimension `dimension`, "" for a plain number."""
     unit = UNITS.get(dimension, "")
     return Outcome(name, unit, float(scene.units.quantity(1.0, dimension).to_value(unit)) if unit else 1.0)
 
 
-def is_disc(scene: Scene) -> bool:
-    return scene.centred and scene.space.dimensions == 2
-
-
-def chosen(scene: Scene, names: Sequence[str] = ()) -> list[Outcome]:
-    """Return the kinds of results with these names; by default those usual for the scene. Raises StudyError."""
+def select_outcomes(scene: Scene, names: Sequence[str] = ()) -> list[Outcome]:
+    """Return the kinds of results with these names, without names the default ones of the scene. Raises StudyError."""
     known = outcomes_of(scene)
     for name in names:
         if name not in known:
@@ -99,15 +98,15 @@ def _default_names(scene: Scene) -> list[str]:
     return [*taken, *(f"{kinds[-1]}-{what}" for what in ("peak", "r50"))]
 
 
-class Found(NamedTuple):
-    """Time at the end of a run, in code units, and its results by name, each in the unit of its `Outcome`."""
+class Results(NamedTuple):
+    """Results of a run: the time of its end in code units, and values by name, each in the unit of its `Outcome`."""
 
     time: float
     values: dict[str, float]
 
 
-def found_in(directory: Path, scene: Scene, wanted: Sequence[Outcome]) -> Found:
-    """Read the results `wanted` of a run of the scene from its directory. Raises OSError, UserError."""
+def read_results(directory: Path, scene: Scene, wanted: Sequence[Outcome]) -> Results:
+    """Read the results `wanted` of a run of the scene from the run's directory. Raises OSError, UserError."""
     rows = read_history(directory / "history.csv", scene)
     if not rows:
         raise StudyError(f"{directory / 'history.csv'}: the file has no rows; expected the history.csv of a run")
@@ -115,11 +114,11 @@ def found_in(directory: Path, scene: Scene, wanted: Sequence[Outcome]) -> Found:
     values["cpu"] = sum(row.seconds for row in read_costs(directory / "costs.csv"))
     if any("-" in each.name for each in wanted):
         values |= _snapshot_values(directory / "snapshots")
-    return Found(values["time"], {each.name: each.factor * values[each.name] for each in wanted})
+    return Results(values["time"], {each.name: each.factor * values[each.name] for each in wanted})
 
 
 def _snapshot_values(folder: Path) -> dict[str, float]:
-    """Return the results from the last snapshot of a disc, in code units.
+    """Return the results from the last snapshot of a disc, in code units; `folder` contains the snapshots.
 
     Profiles extend to 1.1 times the outer radius of the species in the first snapshot.
     """
@@ -136,18 +135,24 @@ def _snapshot_values(folder: Path) -> dict[str, float]:
 def _species_values(p: SnapshotParticles, reach: float, half: float) -> dict[str, float]:
     """Return the results of one species, in code units.
 
-    The profile extends to the radius `reach`; modes and clumps are measured within `half`.
+    reach: radius to which the profile extends. half: radius within which modes and clumps are measured.
     """
     edges = np.linspace(0.0, reach, RINGS + 1)
     profile = smoothed(p.radial_profile(edges), SMOOTHING_RINGS)
     top = int(profile.argmax())
     values = {"peak": float(profile[top]), "peak-radius": float(0.5 * (edges[top] + edges[top + 1]))}
     values |= {f"r{100 * q:.0f}": r for q, r in zip(QUANTILES, quantile_radii(p.radius, p.mass), strict=True)}
-    return values | {"modes": max(amplitudes(p.pos, p.mass, half)), "clumps": clumped(p.pos, p.mass, half)[0]}
+    return values | {
+        "modes": max(mode_amplitudes(p.pos, p.mass, half)),
+        "clumps": clump_fraction(p.pos, p.mass, half)[0],
+    }
 
 
 def quantile_radii(radius: Array, mass: Array) -> list[float]:
-    """Return the radii that contain the fractions QUANTILES of the mass, for radii and masses (n,); NaN if n is 0."""
+    """Return the radii that contain the fractions QUANTILES of the mass; NaN without particles.
+
+    radius, mass (n,): radii and masses of the particles.
+    """
     if len(mass) == 0:
         return [float("nan")] * len(QUANTILES)
     order = np.argsort(radius)
@@ -156,7 +161,7 @@ def quantile_radii(radius: Array, mass: Array) -> list[float]:
 
 
 def smoothed(sigma: Array, rings: float) -> Array:
-    """Return profiles (..., number of rings) smoothed by a Gaussian with a standard deviation of `rings` rings.
+    """Smooth the profiles `sigma` (..., number of rings) by a Gaussian whose standard deviation is `rings` rings.
 
     Particles of a quiet start lie on rings, which would otherwise show.
     """

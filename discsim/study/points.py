@@ -1,4 +1,4 @@
-"""Data types of parameter studies: keys that vary, and combinations of their values with the results of runs."""
+"""Data types of parameter studies: keys that vary, and combinations of their values with results of runs."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ class StudyError(UserError):
 
 @dataclass(frozen=True)
 class Varied:
-    """One or more keys that vary together.
+    """Keys that vary together, one or more, and their values.
 
-    Each entry of `values` is one value for all keys, or one value per key, as in "100:0.06".
+    An entry of `values` is one value for all keys, or one value per key separated by colons, as in "100:0.06".
     """
 
     keys: tuple[str, ...]
@@ -52,6 +52,7 @@ class Varied:
 
     @property
     def name(self) -> str:
+        """The keys as text, like "gas.particles,dust.particles"."""
         return ",".join(self.keys)
 
     def settings(self, value: str) -> Settings:
@@ -61,13 +62,13 @@ class Varied:
 
     @property
     def numbers(self) -> tuple[float, ...] | None:
-        """The values of the first key as numbers without units; None if one of them is no number."""
+        """The values of the first key as numbers without their units; None if one of them is not a number."""
         found = [number_in(value.partition(":")[0]) for value in self.values]
         return tuple(number for number in found if number is not None) if None not in found else None
 
 
 def _split(text: str) -> list[str]:
-    """Return the parts between commas; commas inside quotes or brackets do not count."""
+    """Split a text at commas that are not inside quotes or brackets."""
     parts, depth, quote = [""], 0, ""
     for letter in text:
         if letter in "\"'":
@@ -81,7 +82,7 @@ def _split(text: str) -> list[str]:
 
 
 def number_in(text: str) -> float | None:
-    """Return the number at the start of a value such as "10 au"; None if there is none."""
+    """Return the number in a value such as "10 au"; None if the value does not start with a number."""
     words = text.strip("\"'").split()
     try:
         value = float(words[0].replace("_", "")) if words else np.nan
@@ -92,7 +93,7 @@ def number_in(text: str) -> float | None:
 
 @dataclass
 class Point:
-    """A combination of values, with the results of its runs and the errors by species."""
+    """A combination of values of the varied keys, with the results of its runs, and the errors by species."""
 
     settings: Settings
     runs: list[dict[str, Any]] = field(default_factory=list)
@@ -100,23 +101,23 @@ class Point:
 
     @property
     def done(self) -> bool:
-        """True if the first run of the combination is finished."""
+        """True if the first run of the combination has reached its end."""
         return bool(self.runs) and "stopped" not in self.runs[0]
 
     @property
     def cpu(self) -> float:
-        """Median CPU seconds of the runs."""
+        """Median of the CPU seconds of the runs."""
         return median(run["cpu"] for run in self.runs)
 
     @property
     def error(self) -> float | None:
-        """The larger of the errors of gas and dust; None for the reference run and for unfinished runs."""
+        """The larger of the errors of gas and dust; None for the reference run, and for a run without an error."""
         return max(self.errors.values()) if self.errors else None
 
 
 def combinations(varied: Sequence[Varied]) -> list[Point]:
     """Return a point for every combination of values. Raises StudyError if a key occurs twice."""
-    names = [key for each in varied for key in each.keys]
+    names = keys_of(varied)
     for name in names:
         if names.count(name) > 1:
             raise StudyError(f"--vary {name}: occurs twice; expected each key once")
@@ -126,8 +127,25 @@ def combinations(varied: Sequence[Varied]) -> list[Point]:
     ]
 
 
+def keys_of(varied: Sequence[Varied]) -> list[str]:
+    """Return all varied keys."""
+    return [key for each in varied for key in each.keys]
+
+
+def pareto_front(found: Iterable[Any]) -> list[Any]:
+    """Return the Pareto front, the cheapest first: no other entry of `found` is both cheaper and at least as accurate.
+
+    found: objects with the attributes `cpu` and `error`, such as `Point` and `Trial`.
+    """
+    front: list[Any] = []
+    for each in sorted(found, key=lambda each: each.cpu):
+        if not front or each.error < front[-1].error:
+            front.append(each)
+    return front
+
+
 def axis_of(varied: Sequence[Varied]) -> Varied | None:
-    """Return the varied keys that are the axis of tables and figures: numeric ones, with the most values.
+    """Return the varied keys for the x axis of figures and the lines of tables: numeric keys with the most values.
 
     None if no key has several numeric values.
     """
@@ -135,10 +153,10 @@ def axis_of(varied: Sequence[Varied]) -> Varied | None:
     return max(numeric, key=lambda each: len(each.values), default=None)
 
 
-def lines_of(points: Iterable[Point], axis: Varied | None) -> dict[str, list[Point]]:
-    """Return lists of points that differ only in the keys of `axis`, by a label with all other settings.
+def points_by_line(points: Iterable[Point], axis: Varied | None) -> dict[str, list[Point]]:
+    """Group points into lines of a figure: lists of points that differ only in the keys of `axis`.
 
-    The order of the points is kept.
+    Returns the lists by a label that has all other settings. The order of the points is kept.
     """
     along = set(axis.keys) if axis else set()
     out: dict[str, list[Point]] = {}
@@ -150,15 +168,16 @@ def lines_of(points: Iterable[Point], axis: Varied | None) -> dict[str, list[Poi
 
 def label_of(settings: Settings) -> str:
     """Return settings as printable text, like "courant = 0.2, eta = 1.2"."""
-    pairs = zip(leaves(settings), settings.values(), strict=True)
+    pairs = zip(short_names(settings), settings.values(), strict=True)
     return printable(", ".join(f"{name} = {value}" for name, value in pairs))
 
 
-def leaves(keys: Iterable[str]) -> list[str]:
-    """Return the last part of each key, or the whole key if another key has the same last part."""
+def short_names(keys: Iterable[str]) -> list[str]:
+    """Return a short name of each key: its last part, or the whole key if another key has the same last part."""
     ends = [key.rpartition(".")[2] for key in keys]
     return [end if ends.count(end) == 1 else key for key, end in zip(keys, ends, strict=True)]
 
 
 def percent(value: float) -> str:
+    """Return a fraction as text in per cent."""
     return f"{100.0 * value:.2g}%"

@@ -1,6 +1,6 @@
-"""Making of the runs of a study, which are recorded in runs.jsonl one by one, so that the study can resume.
+"""Runs of a study, each recorded in runs.jsonl as soon as it ends, so that the study can resume.
 
-CPU seconds are the sum over all threads during the steps, without initial conditions and compilation.
+CPU seconds are those of all threads during the steps, without initial conditions and compilation.
 """
 
 from __future__ import annotations
@@ -14,39 +14,65 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from rich.console import Console
 
 from discsim.effects.base import SORT_EVERY
 from discsim.output.files import appended, replace_atomically
 from discsim.run.progress import LINE_EVERY
 from discsim.scene import Scene, SceneError, load_scene
 from discsim.study.points import Settings, StudyError, label_of
-from discsim.study.workers import end_with_parent, in_words, results
+from discsim.study.workers import end_with_parent, failure_text, results
 from discsim.userfiles import read_text
 
 RUNS = "runs.jsonl"
-MAX_WARM_UP = 2.0  # largest duration in seconds of the steps before a run that compile kernels; at least two are made
+MAX_WARM_UP = 2.0  # largest duration in seconds of the steps that compile kernels before a run; at least two are made
+MIN_WIDTH = 110  # smallest width of tables in characters, also without a terminal
 Say = Callable[[str], None]
 
 
 class Limits(NamedTuple):
-    """Limits of a run: CPU seconds of its steps, and a deadline in time.monotonic()."""
+    """Limits of a run: the CPU seconds of its steps, and a deadline as a value of time.monotonic()."""
 
     cpu: float = float("inf")
     deadline: float = float("inf")
 
 
 class DeadlineError(Exception):
-    """The deadline passed during a run. The run is not recorded; `cpu` is its CPU seconds so far."""
+    """The deadline has passed during a run, which is not recorded; `cpu` is its CPU seconds so far."""
 
     def __init__(self, cpu: float = 0.0) -> None:
         super().__init__(cpu)
         self.cpu = cpu
 
 
+class LoggedConsole:
+    """Printer of lines on the terminal, which also appends them to the file `log` as soon as its directory exists."""
+
+    def __init__(self, log: Path) -> None:
+        self.console = Console(markup=False, highlight=False, emoji=False, soft_wrap=True)
+        self.console.width = max(self.console.width, MIN_WIDTH)
+        self.log = log
+        self.unwritten: list[str] = []
+
+    def __call__(self, text: str) -> None:
+        self.console.print(text)
+        self.unwritten.append(text)
+        if self.log.parent.exists():
+            with appended(self.log) as file:
+                file.write("".join(f"{line}\n" for line in self.unwritten).encode())
+            self.unwritten.clear()
+
+    def say_all(self, show: Callable[[Console], None]) -> None:
+        """Print everything that `show(console)` prints."""
+        with self.console.capture() as text:
+            show(self.console)
+        self(text.get().rstrip())
+
+
 class Runs:
     """A scene to run with different settings, and the directory with the record of the runs.
 
-    `settings` and `without` are changes of the scene for all runs, from the command line.
+    path: scene file. settings, without: changes of the scene for all runs, from the command line.
     """
 
     def __init__(self, path: Path, directory: Path, settings: Sequence[str] = (), without: Sequence[str] = ()) -> None:
@@ -54,7 +80,7 @@ class Runs:
         self.settings, self.without = tuple(settings), tuple(without)
 
     def scene(self, settings: Settings) -> Scene:
-        """Return the scene with these settings. Raises SceneError with a message that contains the settings."""
+        """Return the scene with these settings. Raises SceneError, whose messages contain the settings."""
         try:
             return load_scene(self.path, self.overrides(settings), self.without)
         except SceneError as fault:
@@ -65,13 +91,13 @@ class Runs:
         """Return the changes of the scene for a run with these settings, in the form "key=value"."""
         return [*self.settings, *(f"{key}={value}" for key, value in settings.items())]
 
-    def open(self, what: dict[str, Any]) -> list[tuple[Settings, dict[str, Any]]]:
-        """Return the settings and results of the runs in the record, after creating it if necessary.
+    def open_record(self, study: dict[str, Any]) -> list[tuple[Settings, dict[str, Any]]]:
+        """Open the record, or create it, and return the settings and results of the runs in the record.
 
-        `what` identifies the study. Raises StudyError if the record belongs to another study or scene.
+        study: entries that identify the study. Raises StudyError if the record belongs to another study or scene.
         """
         base = load_scene(self.path, self.settings, self.without)
-        head = {"scene": tomllib.loads(base.text), **what}
+        head = {"scene": tomllib.loads(base.text), **study}
         path = self.directory / RUNS
         text = read_text(path, "replace") if path.exists() else ""
         whole = text[: text.rfind("\n") + 1]  # a crash may leave an incomplete line
@@ -79,25 +105,24 @@ class Runs:
             self.directory.mkdir(parents=True, exist_ok=True)
             whole = json.dumps(head) + "\n"
         lines = whole.removesuffix("\n").split("\n")
-        if _parsed_line(path, 1, lines[0]) != head:
-            raise StudyError(
-                f"{self.directory}: contains a study of another scene, or of other keys; expected another -o"
-            )
-        found = [_parsed_line(path, number, line, "settings") for number, line in enumerate(lines[1:], 2)]
+        if _parse_line(path, 1, lines[0]) != head:
+            wrong = "contains a study of another scene, or of other keys"
+            raise StudyError(f"{self.directory}: {wrong}; expected another -o")
+        found = [_parse_line(path, number, line, "settings") for number, line in enumerate(lines[1:], 2)]
         if whole != text:
             with replace_atomically(path) as temporary:
                 temporary.write_text(whole, encoding="utf-8")
         return [(run.pop("settings"), run) for run in found]
 
-    def keep(self, settings: Settings, run: dict[str, Any]) -> None:
+    def record(self, settings: Settings, run: dict[str, Any]) -> None:
         """Append a run to the record."""
         with appended(self.directory / RUNS) as file:
             file.write((json.dumps({"settings": settings, **run}) + "\n").encode())
 
-    def made(
+    def make(
         self, todo: Sequence[Settings], say: Say, parallel: int = 1, limits: Limits | None = None
     ) -> Iterator[dict[str, Any]]:
-        """Make a run for each of the settings, `parallel` at a time, and yield their results in order.
+        """Make a run for each of the settings in `todo`, `parallel` at a time, and yield the results in this order.
 
         With `parallel` = 1 a run starts when its result is requested. Raises DeadlineError at the deadline.
         """
@@ -113,8 +138,8 @@ class Runs:
                 raise
 
 
-def _parsed_line(path: Path, number: int, line: str, table: str | None = None) -> dict[str, Any]:
-    """Return line `number` of the record as a dict. Raises StudyError if it is none, or if `line[table]` is none."""
+def _parse_line(path: Path, number: int, line: str, table: str | None = None) -> dict[str, Any]:
+    """Return line `number` of the record as a dict. Raises StudyError if it is no dict, or if its `table` is none."""
     try:
         entry = json.loads(line)
     except (ValueError, RecursionError):
@@ -127,10 +152,10 @@ def _parsed_line(path: Path, number: int, line: str, table: str | None = None) -
 def one_run(
     path: Path, overrides: Sequence[str], without: Sequence[str], limits: Limits | None = None, say: Say | None = None
 ) -> dict[str, Any]:
-    """Run a scene, and return its CPU seconds, steps, particle updates, errors, profiles and drifts by name.
+    """Run a scene, and return its results by name: CPU seconds, steps, particle updates, errors, profiles, drifts.
 
-    If the run fails or reaches the limit of CPU time, the result has the key "stopped" with the reason. Raises
-    DeadlineError at the deadline.
+    If the run fails or reaches the limit of CPU time, the results are the reason, "stopped", and the CPU seconds.
+    Raises DeadlineError at the deadline.
     """
     from discsim.run.simulation import PhysicsError
 
@@ -144,17 +169,17 @@ def one_run(
     except SceneError as fault:
         stopped = f"refused at the start: {fault}"
     except Exception as fault:  # a study continues after any failure of a run
-        stopped = in_words(fault)
+        stopped = failure_text(fault)
     return {"stopped": stopped, "cpu": time.process_time() - begun[-1]}
 
 
 def _run_and_measure(
     path: Path, overrides: Sequence[str], without: Sequence[str], limits: Limits, say: Say | None, begun: list[float]
 ) -> dict[str, Any]:
-    """Make the run of `one_run`, and append the process's CPU time at the start of its steps to `begun`."""
+    """Make the run of `one_run`, and return its results; append to `begun` the process's CPU time before the steps."""
     from discsim.run.simulation import Simulation
     from discsim.study.errors import drifts, measure_of, totals
-    from discsim.study.measures import seen
+    from discsim.study.measures import structure_of
 
     scene = load_scene(path, overrides, without)
     _compile_kernels(Simulation(scene))
@@ -187,14 +212,14 @@ def _run_and_measure(
         "updates": updates[0],
         "drifts": drifts(before, totals(sim)),
         **({"errors": errors} if measure else {}),
-        **seen(sim),
+        **structure_of(sim),
     }
 
 
 def _compile_kernels(first: Any) -> None:
-    """Compile kernels by steps of the run `first`, which is then discarded.
+    """Compile the kernels of a run by steps of `first`, a simulation of the same scene that is then discarded.
 
-    At least two steps are made, and for at most MAX_WARM_UP seconds all steps up to the second sorting of particles.
+    At least two steps are made, and others up to the second sorting of particles within MAX_WARM_UP seconds.
     """
     begun = time.monotonic()
     for step in range(SORT_EVERY + 1):

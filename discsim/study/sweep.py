@@ -24,11 +24,11 @@ from discsim.output.files import replace_atomically
 from discsim.printable import printable
 from discsim.run.directory import ended_before_checkpoint, read_scene_file
 from discsim.scene import load_scene
-from discsim.scene.differences import refuse_another
-from discsim.study.outcomes import chosen, found_in
-from discsim.study.points import Point, StudyError, Varied, axis_of, combinations, label_of, leaves
+from discsim.scene.differences import refuse_changed_scene
+from discsim.study.outcomes import read_results, select_outcomes
+from discsim.study.points import Point, StudyError, Varied, axis_of, combinations, keys_of, label_of, short_names
 from discsim.study.runs import Runs, Say
-from discsim.study.workers import end_with_parent, in_words, results
+from discsim.study.workers import end_with_parent, failure_text, results
 from discsim.version import __version__
 
 DONE, REFUSED, PHYSICS, FAILED, INTERRUPTED = 0, 2, 3, 70, 128  # exit statuses of a run; interrupted: 128 + the signal
@@ -39,7 +39,7 @@ TIME_TOLERANCE = 1e-9  # relative tolerance of the end time
 
 
 class RunError(Exception):
-    """A run failed and has printed the reason. `status` is its exit status."""
+    """A run failed, and has printed the reason; `status` is its exit status."""
 
     def __init__(self, status: int) -> None:
         super().__init__(status)
@@ -47,7 +47,11 @@ class RunError(Exception):
 
 
 class Sweep:
-    """A sweep: combinations of values, their runs and directories. Raises StudyError, SceneError."""
+    """A sweep: combinations of values of the keys `varied`, and their runs. Raises StudyError, SceneError.
+
+    directory: contains the directories of the runs. measures: names of the results to compare. settings, without:
+    changes of the scene for all runs.
+    """
 
     def __init__(
         self, scene: Path, varied: Sequence[Varied], directory: Path, measures: Sequence[str] = (),
@@ -55,29 +59,24 @@ class Sweep:
     ) -> None:  # fmt: skip
         self.varied, self.directory = tuple(varied), directory
         self.runs = Runs(scene, directory, settings, without)
+        self.keys, self.axis = keys_of(self.varied), axis_of(self.varied)
         self.points = combinations(self.varied)
         self.scenes = [self.runs.scene(point.settings) for point in self.points]
-        self.measures = chosen(self.scenes[0], measures)
+        self.measures = select_outcomes(self.scenes[0], measures)
         names = [each.name for each in self.measures]
-        self.wanted = [chosen(each, names) for each in self.scenes]  # scenes may have different units
+        self.wanted = [select_outcomes(each, names) for each in self.scenes]  # scenes may have different units
         self.folders = [directory / folder_name(point) for point in self.points]
         for folder in self.folders:
             if self.folders.count(folder) > 1:
-                raise StudyError(
-                    f"{folder}: two combinations have the same directory name; expected values that differ in "
-                    "letters or digits"
-                )
-
-    @property
-    def keys(self) -> list[str]:
-        return [key for each in self.varied for key in each.keys]
+                wrong = f"{folder}: two combinations have the same directory name"
+                raise StudyError(f"{wrong}; expected values that differ in letters or digits")
 
     def make(self, title: str, parallel: int, console: Console) -> None:
-        """Make the runs that are not finished, and write the table and the figure of all runs.
+        """Make the runs that are not finished, `parallel` at a time, and write the table and the figure of all runs.
 
         A run that cannot start, or that fails, is reported and has no values in the table. Raises SceneError if a
         directory has a run of another scene, DirectoryError if its scene cannot be read, and RunError if all runs
-        fail. Raises KeyboardInterrupt after an interrupt, when active runs have written their checkpoints.
+        fail. Raises KeyboardInterrupt after an interrupt, when the active runs have written their checkpoints.
         """
         self._refuse_other_scenes()
         say: Say = console.print
@@ -111,7 +110,7 @@ class Sweep:
         for folder, scene in zip(self.folders, self.scenes, strict=True):
             path = folder / "scene.toml"
             if path.exists():
-                refuse_another(path, read_scene_file(folder), scene)
+                refuse_changed_scene(path, read_scene_file(folder), scene)
 
     def _statuses(self, parallel: int, say: Say) -> Iterator[int]:
         """Make the runs, `parallel` at a time, and yield their exit statuses in order.
@@ -126,12 +125,12 @@ class Sweep:
         if parallel == 1:
             for number, job in enumerate(jobs, 1):
                 say(f"{number}/{len(jobs)}  {printable(job[-1])}: its progress is in run.log")
-                yield one_run(*job)
+                yield run_or_resume(*job)
             return
         with ProcessPoolExecutor(parallel, initializer=_set_up_worker) as pool:
             before = signal.signal(signal.SIGTERM, signal.default_int_handler)
             try:
-                yield from results((pool.submit(one_run, *job) for job in jobs), say)
+                yield from results((pool.submit(run_or_resume, *job) for job in jobs), say)
             except BaseException:
                 for process in multiprocessing.active_children():
                     os.kill(process.pid, signal.SIGINT)
@@ -141,11 +140,11 @@ class Sweep:
                 signal.signal(signal.SIGTERM, before)
 
     def _result(self, number: int, status: int) -> dict[str, Any]:
-        """Return the results of run `number` by name; of an unfinished run, {"stopped": reason}."""
+        """Return the results of run `number` by name; for an unfinished run {"stopped": reason}."""
         if status in FAILURE_TEXT:
             return {"stopped": FAILURE_TEXT[status]}
         scene = self.scenes[number]
-        found = found_in(self.folders[number], scene, self.wanted[number])
+        found = read_results(self.folders[number], scene, self.wanted[number])
         if found.time < (1.0 - TIME_TOLERANCE) * scene.run.until:
             return {"stopped": f"stopped at t = {scene.units.show_time(found.time)}"}
         return found.values
@@ -158,21 +157,16 @@ class Sweep:
 
     # Findings
 
-    @property
-    def axis(self) -> Varied | None:
-        """The varied keys on the x axis of the figure; see `axis_of`."""
-        return axis_of(self.varied)
-
     def table(self) -> Table:
         """Return the table of settings and results for the terminal."""
-        out = Table(*leaves(self.keys), *(each.head for each in self.measures), box=SIMPLE)
+        out = Table(*short_names(self.keys), *(each.head for each in self.measures), box=SIMPLE)
         for point in self.points:
             numbers = [f"{point.runs[0][each.name]:.4g}" for each in self.measures] if point.done else []
             out.add_row(*map(printable, point.settings.values()), *(numbers or [self._result_text(point)]))
         return out
 
     def write(self) -> None:
-        """Write sweep.csv; the file appears when it is complete."""
+        """Write the table sweep.csv; the file appears when it is complete."""
         with replace_atomically(self.directory / "sweep.csv") as temporary, temporary.open("w", newline="") as file:
             rows = csv.writer(file)
             rows.writerow([*self.keys, *(each.head for each in self.measures), "status", "directory"])
@@ -183,12 +177,12 @@ class Sweep:
 
 
 def folder_name(point: Point) -> str:
-    """Return the name of a combination's directory: its settings, without special characters."""
+    """Return the directory name of a combination: its settings, without special characters."""
     return re.sub(r"[^\w.,=+-]+", "", label_of(point.settings))
 
 
-def one_run(path: Path, overrides: Sequence[str], without: Sequence[str], directory: Path) -> int:
-    """Make or resume the run in a directory; return its exit status.
+def run_or_resume(path: Path, overrides: Sequence[str], without: Sequence[str], directory: Path) -> int:
+    """Make the run in a directory, or resume it, and return its exit status.
 
     An exception is printed as one line on standard error.
     """
@@ -198,12 +192,12 @@ def one_run(path: Path, overrides: Sequence[str], without: Sequence[str], direct
     try:
         return run_scene(load_scene(path, overrides, without), directory, resume=begun, quiet=True)
     except Exception as fault:  # the sweep continues after any failure of a run
-        print(printable(f"{directory}: {in_words(fault)}"), file=sys.stderr)
+        print(printable(f"{directory}: {failure_text(fault)}"), file=sys.stderr)
         return FAILED
 
 
 def _set_up_worker() -> None:
-    """Set up a worker process so that Ctrl-C in the terminal interrupts only the parent.
+    """Set up a worker process so that Ctrl-C in the terminal interrupts only its parent process.
 
     The parent then sends one interrupt to every worker.
     """

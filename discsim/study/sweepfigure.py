@@ -6,11 +6,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from discsim.output.drawing import figure_text
-from discsim.study.points import Point, leaves, lines_of, number_in
+from discsim.study.points import Point, number_in, points_by_line, short_names
 from discsim.version import __version__
 
 if TYPE_CHECKING:
@@ -21,9 +20,8 @@ LOG_AXIS_RATIO = 10.0  # ratio of the largest to the smallest value above which 
 
 
 def sweep_figure(sweep: Sweep, path: Path) -> None:
-    """Draw one panel for each kind of result, to the PNG file `path`."""
+    """Draw one panel for each kind of result, and write the PNG file `path`."""
     figure = Figure(figsize=(4.6 * len(sweep.measures), 3.8), layout="constrained")
-    FigureCanvasAgg(figure)
     panels = figure.subplots(1, len(sweep.measures), squeeze=False)[0]
     for axes, measure in zip(panels, sweep.measures, strict=True):
         _draw_panel(axes, sweep, measure)
@@ -33,7 +31,7 @@ def sweep_figure(sweep: Sweep, path: Path) -> None:
 
 
 def _draw_panel(axes: Axes, sweep: Sweep, measure: Outcome) -> None:
-    """Draw one kind of result; values without numbers or with several units are drawn at equal distances."""
+    """Draw one kind of result against the varied key; values that are no numbers of one unit are equally spaced."""
     axis = sweep.axis or max(sweep.varied, key=lambda each: len(each.values))
     units = {unit_in(axis.settings(value)[axis.keys[0]]) for value in axis.values}
     numeric = axis.numbers is not None and len(units) == 1
@@ -44,12 +42,12 @@ def _draw_panel(axes: Axes, sweep: Sweep, measure: Outcome) -> None:
         return float(number_in(value) or 0.0) if numeric else float(first.index(value))
 
     done = [point for point in sweep.points if point.done]
-    for number, (name, points) in enumerate(lines_of(done, axis).items()):
+    for number, (name, points) in enumerate(points_by_line(done, axis).items()):
         along = sorted(points, key=position)
         values = [point.runs[0][measure.name] for point in along]
         axes.plot([position(point) for point in along], values, "osD^v"[number % 5] + "-", label=figure_text(name))
     unit = next(iter(units)) if numeric else ""
-    axes.set(xlabel=figure_text(leaves(axis.keys)[0] + (f" [{unit}]" if unit else "")), ylabel=measure.head)
+    axes.set(xlabel=figure_text(short_names(axis.keys)[0] + (f" [{unit}]" if unit else "")), ylabel=measure.head)
     if not numeric:
         axes.set_xticks(range(len(first)), [figure_text(each) for each in first])
     elif min(axis.numbers) > 0.0 and max(axis.numbers) > LOG_AXIS_RATIO * min(axis.numbers):
@@ -58,5 +56,5 @@ def _draw_panel(axes: Axes, sweep: Sweep, measure: Outcome) -> None:
 
 
 def unit_in(text: str) -> str:
-    """Return the unit in a value of a scene such as "10 au"; "" for a plain number."""
+    """Return the unit in a value such as "10 au"; "" for a plain number."""
     return text.strip("\"'").partition(" ")[2].strip()

@@ -1,35 +1,19 @@
-"""Data types of the search for cheap settings: places, trials, and protocols of knobs and of the runner.
+"""Data types of the search for cheap settings: grid points, trials, and the protocol of the runner.
 
-A knob is a parameter that the search varies, a rung one of its values, and a place a rung for each knob. A trial is a
-place with the results of its runs.
+A knob is a parameter that the search varies, and a rung is one of its values. A grid point has a rung for each knob. A
+trial is a grid point with the results of its runs.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from statistics import fmean, median, stdev
 from typing import NamedTuple, Protocol
 
-Place = tuple[int, ...]  # a rung for each knob; 0 is the value in the scene
-RUNG = 2  # numbers are varied in half rungs, so a rung is 2 units of a place
-
-
-class Knob(Protocol):
-    """Protocol of a parameter that the search varies: a number, or a choice from a list of values.
-
-    Rungs go from `lowest` to `highest`, for numbers in steps of `stride`, for a choice in steps of 1.
-    """
-
-    @property
-    def choice(self) -> bool: ...
-    @property
-    def lowest(self) -> int: ...
-    @property
-    def highest(self) -> int: ...
-    @property
-    def stride(self) -> int: ...
+GridPoint = tuple[int, ...]  # the rung of each knob, for numbers in half rungs; 0 is the value in the scene
+UNITS_PER_RUNG = 2  # difference between two entries of a GridPoint that are one rung of a number apart
 
 
 class Measured(NamedTuple):
@@ -41,26 +25,45 @@ class Measured(NamedTuple):
 
 @dataclass
 class Trial:
-    """A place with the results of its runs, one per seed; `stopped` is the reason if a run gave no result."""
+    """A grid point with the results of its runs, one per seed.
 
-    place: Place
+    stopped: the reason why a run gave no result, after which no more runs are made; "" if all runs gave results.
+    """
+
+    point: GridPoint
     runs: list[Measured] = field(default_factory=list)
     stopped: str = ""
 
     @property
     def cpu(self) -> float:
-        """Median CPU seconds over the seeds."""
+        """Median of the CPU seconds over the seeds."""
         return median(run.cpu for run in self.runs)
 
     @property
     def error(self) -> float:
-        """Mean error over the seeds."""
+        """Mean of the error over the seeds."""
         return fmean(run.error for run in self.runs)
 
     @property
     def scatter(self) -> float:
-        """Standard deviation of the error between seeds."""
+        """Standard deviation of the error between seeds; 0 for a single seed."""
         return stdev(run.error for run in self.runs) if len(self.runs) > 1 else 0.0
+
+
+def finished_trials(trials: Mapping[GridPoint, Trial]) -> list[Trial]:
+    """Return the trials that have results of runs."""
+    return [trial for trial in trials.values() if trial.runs]
+
+
+def finished_trial(trials: Mapping[GridPoint, Trial], point: GridPoint) -> Trial | None:
+    """Return the trial of a grid point; None if it has no results of runs."""
+    found = trials.get(point)
+    return found if found and found.runs else None
+
+
+def with_rung(point: GridPoint, knob: int, rung: int) -> GridPoint:
+    """Return a grid point with another rung of the knob number `knob`."""
+    return (*point[:knob], rung, *point[knob + 1 :])
 
 
 class BudgetError(Exception):
@@ -68,14 +71,14 @@ class BudgetError(Exception):
 
 
 class Runner(Protocol):
-    """Protocol of the code that makes the runs of a search and collects them in `trials`.
+    """Protocol of the code that makes the runs of a search, and collects their results in `trials`.
 
-    `allowed` returns whether the settings of a place are valid. `run` makes runs until the trial of each place has
-    results for `number` seeds, or a reason why a run gave no result, such as more than `most` CPU seconds. It raises
-    BudgetError.
+    `is_valid` returns whether the scene is valid with the settings of a grid point. `run` makes runs until the trial of
+    each point has results for `number` seeds, or the reason why a run gave no result, such as more than `most` CPU
+    seconds. It raises BudgetError.
     """
 
-    trials: dict[Place, Trial]
+    trials: dict[GridPoint, Trial]
 
-    def allowed(self, place: Place) -> bool: ...
-    def run(self, places: Sequence[Place], number: int = 1, most: float = math.inf) -> None: ...
+    def is_valid(self, point: GridPoint) -> bool: ...
+    def run(self, points: Sequence[GridPoint], number: int = 1, most: float = math.inf) -> None: ...

@@ -1,4 +1,4 @@
-"""Worker processes for parallel runs, and messages about failed runs."""
+"""Worker processes of parallel runs, and messages about runs that failed."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Result = TypeVar("Result")
 
 
 def end_with_parent() -> None:
-    """Start a thread that ends this worker process when its parent has ended; it would otherwise wait for ever."""
+    """Start a thread that ends this worker process when its parent process has ended; it would otherwise never end."""
     parent = multiprocessing.parent_process()
     assert parent is not None
 
@@ -33,7 +33,7 @@ def end_with_parent() -> None:
 def results(submitted: Iterable[Future[Result]], say: Callable[[str], None] | None = None) -> Iterator[Result]:
     """Yield the results of the submitted jobs in order. Raises StudyError if a worker process was killed.
 
-    During the wait, `say` is called every LINE_EVERY seconds with a line about the number of finished jobs.
+    During the wait, a line about the number of finished jobs is printed by `say` every LINE_EVERY seconds.
     """
     jobs = list(submitted)
     try:
@@ -46,8 +46,8 @@ def results(submitted: Iterable[Future[Result]], say: Callable[[str], None] | No
         raise StudyError(f"{why}; expected a smaller --parallel; repeat the command to continue") from None
 
 
-def in_words(fault: Exception) -> str:
-    """Return an unexpected exception of a run as one line, with the file and line that raised it."""
+def failure_text(fault: Exception) -> str:
+    """Return an unexpected exception of a run as one line of text, with the file and line that raised it."""
     last = traceback.extract_tb(fault.__traceback__)[-1]
     text = " ".join(str(fault).split())
     return f"ended by {type(fault).__name__}{f': {text}' if text else ''} ({Path(last.filename).name}:{last.lineno})"

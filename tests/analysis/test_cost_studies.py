@@ -113,7 +113,7 @@ def test_a_study_of_cost_is_made_once(tmp_path):
     study = module.made(module.wave(500.0), vary, tmp_path / "wave")
     again = module.made(module.wave(500.0), vary, tmp_path / "wave")
     assert [p.cpu for p in study.points] == [p.cpu for p in again.points]
-    prices = {name: module.price(points, 0.01, module.updates) for name, points in study.lines().items()}
+    prices = {name: module.cost_of_error(points, 0.01, module.updates) for name, points in study.lines().items()}
     assert prices["scheme = tsc"][0] < prices["scheme = idic"][0]
 
 

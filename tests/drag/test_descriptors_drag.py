@@ -222,10 +222,11 @@ def test_the_reference_of_another_package(other):
 OWN = {
     # Artificial viscosity is "reconstructed" too, by gas.viscosity.pairs.
     "schemes": {f"{SCHEMES.module(name).removeprefix('discsim.').replace('.', '/')}.py" for name in SCHEMES}
-    | {"effects/gas.py", "scene/keys/gas.py", "numerics/sph.py"},
+    | {"effects/gas.py", "scene/keys.py", "numerics/sph.py"},
     # The descriptions of the keys K, t_stop and stokes say which laws they are for.
-    "laws": {"physics/laws.py", "effects/drag.py"},
-    "eos": {"physics/eos.py"},
+    "laws": {"physics/laws.py", "effects/drag.py", "scene/keys.py"},
+    # The keys of cooling say which equation of state they need.
+    "eos": {"physics/eos.py", "scene/keys.py"},
 }
 SHARED = ("warnings", "forecast", "derived", "reference", "check")
 

@@ -13,7 +13,7 @@ from discsim import Simulation, load_scene
 from discsim.numerics import threads
 from discsim.numerics.operators import accelerate
 from discsim.parts import EFFECTS
-from discsim.scene.tables import removable
+from discsim.scene.tables import removable_tables
 
 SETUPS = Path(__file__).parents[2] / "setups"
 
@@ -56,7 +56,7 @@ NEEDS = {
 def test_every_effect_is_stepped_here():
     given = {"background", "background.bump", "background.gap"}  # no partner of gas: test_background.py
     isothermal = {"gas.quiet"}  # no partner of gas with an energy: test_quiet.py
-    assert {*STEPPED, *given, *isothermal} == set(removable())
+    assert {*STEPPED, *given, *isothermal} == set(removable_tables())
     assert set(load_scene(EVERYTHING).effects) == set(STEPPED)
 
 

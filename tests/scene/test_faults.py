@@ -236,7 +236,7 @@ VORTEX = changed(BLAST, space={"boundary": "periodic"}, initial={"kind": "vortex
         (
             BLAST,
             {"gas": None, "dust": {"particles": 9, "ratio": 1}},
-            'initial.kind: "blast" needs gas; expected a table [gas]*',
+            'initial.kind: "blast" needs gas; add a table [gas]*',
         ),
         (
             BLAST,

@@ -13,9 +13,9 @@ from discsim import Simulation, load_scene
 from discsim.preview.check import report
 from discsim.scene import SceneError
 from discsim.study import runs as study_runs
-from discsim.study.cheapest import Cheapest, Wanted
+from discsim.study.cheapest import Cheapest, SearchOptions
 from discsim.study.errors import measure_of
-from discsim.study.frontier import _cost_of_own_error, powers
+from discsim.study.frontier import _cost_of_own_error, fit_powers
 from discsim.study.runs import DeadlineError
 from discsim.study.trials import Measured, Trial
 
@@ -125,16 +125,16 @@ def undrawn(monkeypatch):
 
 def test_against_a_finer_run_with_the_scatter_between_seeds_as_floor(wave, tmp_path, monkeypatch):
     fake(monkeypatch)
-    found = Cheapest(wave, tmp_path / "s", Wanted(0.01, measure="dust-profile"), ["gas.particles=400"])
+    found = Cheapest(wave, tmp_path / "s", SearchOptions(0.01, measure="dust-profile"), ["gas.particles=400"])
     assert found.make("wave")
-    assert found.finer == {"gas.particles": "800", "dust.particles": "120"}
+    assert found.reference_settings == {"gas.particles": "800", "dust.particles": "120"}
     # Two seeds of the finer run: 2 * 0.4 / 800, times how far the first two seeds are from each other.
     seeds = [1.0 + 0.2 * ((seed * 7919) % 11 - 5) / 5 for seed in (1, 2)]
     assert found.floor == pytest.approx(2.0 * 0.4 / 800 * abs(seeds[0] - seeds[1]))
     assert found.found.error <= 0.01 and found.found.cpu < 0.5 * found.scene.cpu
     assert "the reference run has gas.particles = 800" in (tmp_path / "s" / "cost.log").read_text()
     # No setting is called better than the floor: an error below it is not searched for.
-    lower = Cheapest(wave, tmp_path / "s", Wanted(1e-6, measure="dust-profile"), ["gas.particles=400"])
+    lower = Cheapest(wave, tmp_path / "s", SearchOptions(1e-6, measure="dust-profile"), ["gas.particles=400"])
     lower.make("wave")
     assert lower.goal == lower.floor
     assert "is below the scatter between seeds" in (tmp_path / "s" / "cost.log").read_text()
@@ -142,7 +142,7 @@ def test_against_a_finer_run_with_the_scatter_between_seeds_as_floor(wave, tmp_p
 
 def test_the_scenes_own_error_may_be_the_goal(wave, tmp_path, monkeypatch, undrawn):
     fake(monkeypatch)
-    found = Cheapest(wave, tmp_path / "s", Wanted(None))
+    found = Cheapest(wave, tmp_path / "s", SearchOptions(None))
     assert found.make("wave")
     assert found.goal == pytest.approx(found.scene.error) and found.found.error <= found.goal
     # The step does nothing to the error of the fake, and costs: a longer one, by a move of 2^0.5, is unstable.
@@ -247,8 +247,8 @@ def test_powers_are_those_of_all_pairs():
         return Trial((a, b), [Measured(3.0 * 2.0 ** (1.5 * a / 2) * 5.0**b, 0.1 * 2.0 ** (-a / 2) * 0.5**b)])
 
     trials = [trial(a, b) for a, b in ((0, 0), (2, 0), (-2, 1), (1, 1), (5, 7))]
-    assert powers(trials, 0, 2.0) == pytest.approx((-1.0, 1.5))
-    assert powers(trials[:1], 0, 2.0) is None
+    assert fit_powers(trials, 0, 2.0) == pytest.approx((-1.0, 1.5))
+    assert fit_powers(trials[:1], 0, 2.0) is None
 
 
 @pytest.mark.parametrize(
@@ -258,5 +258,5 @@ def test_what_the_scenes_own_error_costs(error, words):
     """Seeds of the scene scatter by 1e-4: what is within twice that is as good."""
     scene = Trial((0,), [Measured(3.0, value) for value in (0.0099, 0.01, 0.0101)])
     cheap = Trial((1,), [Measured(1.0, error)])
-    study = SimpleNamespace(runner=SimpleNamespace(trials={(0,): scene, (1,): cheap}), words=lambda trial: "settings")
+    study = SimpleNamespace(runner=SimpleNamespace(trials={(0,): scene, (1,): cheap}), settings_text=lambda trial: "")
     assert words in _cost_of_own_error(study, scene)

@@ -14,7 +14,7 @@ from discsim.run.simulation import PhysicsError
 from discsim.scene import SceneError
 from discsim.study.cost import Study
 from discsim.study.errors import drifts, measure_of, profile_errors, totals
-from discsim.study.findings import fitted_power, price
+from discsim.study.findings import cost_of_error, fitted_power
 from discsim.study.points import Point, StudyError, Varied
 from discsim.study.runs import one_run
 
@@ -135,13 +135,13 @@ def test_price_is_read_off_a_power_law():
     """error = 1 / cpu^2: exactly between the points, extrapolated from them, the cheapest where all are good enough."""
     points = line([1.0, 0.25, 0.0625], [1.0, 2.0, 4.0])
     cpu = lambda point: point.cpu  # noqa: E731
-    assert price(points, 0.1, cpu) == (pytest.approx(0.1**-0.5), False)
-    assert price(points, 0.001, cpu) == (pytest.approx(0.001**-0.5), True)
-    assert price(points, 2.0, cpu) == (1.0, False)
-    assert price(points[:1], 0.1, cpu) is None
-    assert price(line([0.100, 0.099], [1.0, 4.0]), 0.01, cpu) is None  # cpu ~ error^-138
+    assert cost_of_error(points, 0.1, cpu) == (pytest.approx(0.1**-0.5), False)
+    assert cost_of_error(points, 0.001, cpu) == (pytest.approx(0.001**-0.5), True)
+    assert cost_of_error(points, 2.0, cpu) == (1.0, False)
+    assert cost_of_error(points[:1], 0.1, cpu) is None
+    assert cost_of_error(line([0.100, 0.099], [1.0, 4.0]), 0.01, cpu) is None  # cpu ~ error^-138
     # A dearer run that is worse is no part of the line.
-    assert price([*points, *line([0.5], [8.0])], 0.1, cpu) == (pytest.approx(0.1**-0.5), False)
+    assert cost_of_error([*points, *line([0.5], [8.0])], 0.1, cpu) == (pytest.approx(0.1**-0.5), False)
 
 
 def test_power_of_a_line():

@@ -20,12 +20,12 @@ gas = {particles = 90, eos = {kind = "isothermal", sound_speed = 0.7}}
 def test_a_damaged_run_of_a_study_is_one_message(tmp_path, line):
     (tmp_path / "a.toml").write_text(SCENE)
     runs, path = Runs(tmp_path / "a.toml", tmp_path), tmp_path / RUNS
-    assert runs.open({"varied": ["x"]}) == []
-    runs.keep({"x": "3"}, {"cpu": 1.5})
-    assert runs.open({"varied": ["x"]}) == [({"x": "3"}, {"cpu": 1.5})]
+    assert runs.open_record({"varied": ["x"]}) == []
+    runs.record({"x": "3"}, {"cpu": 1.5})
+    assert runs.open_record({"varied": ["x"]}) == [({"x": "3"}, {"cpu": 1.5})]
     with path.open("ab") as file:
         file.write(line.encode(errors="surrogateescape") + b"\n")
     before = path.read_bytes()
     with pytest.raises(StudyError, match=f"{RUNS}:3: not a run of a study; expected another -o"):
-        runs.open({"varied": ["x"]})
+        runs.open_record({"varied": ["x"]})
     assert path.read_bytes() == before and json.loads(before.splitlines()[1])["cpu"] == 1.5

@@ -1,4 +1,4 @@
-"""The knobs that a scene has, and the keys that their places set."""
+"""The knobs that a scene has, and the keys that their points set."""
 
 from pathlib import Path
 
@@ -18,7 +18,7 @@ def knobs_of(source, varied=(), keep=(), **more):
     return Knobs(load, [Varied.from_text(text) for text in varied], keep, **more)
 
 
-def place(knobs, **rungs):
+def point(knobs, **rungs):
     named = {knob.name.replace(" ", "_").replace(".", "_"): k for k, knob in enumerate(knobs.all)}
     out = [0] * len(knobs.all)
     for name, rung in rungs.items():
@@ -60,32 +60,32 @@ def test_schemes_are_those_of_the_registry_that_go_with_the_scene(twin):
     assert "idic-linear" in words and "emsi-ppm" not in words  # fluids on a 1D grid
 
 
-def test_places_set_keys(twin, wave):
-    assert twin.settings(place(twin)) == {}
-    assert twin.settings(place(twin, particles=-2)) == {"gas.particles": "25000", "dust.particles": "25000"}
-    found = twin.settings(place(twin, particles=-2, dust_particles=-2, run_courant=2, space_cells=-2))
+def test_points_set_keys(twin, wave):
+    assert twin.settings(point(twin)) == {}
+    assert twin.settings(point(twin, particles=-2)) == {"gas.particles": "25000", "dust.particles": "25000"}
+    found = twin.settings(point(twin, particles=-2, dust_particles=-2, run_courant=2, space_cells=-2))
     assert found["dust.particles"] == "12500" and found["space.cells"] == "256"
     assert float(found["run.courant"]) == pytest.approx(0.6 / 2**0.5, rel=1e-3)
     # A fixed smoothing length goes with the spacing, so that neighbours stay.
-    coarse = wave.settings(place(wave, particles=-2))
+    coarse = wave.settings(point(wave, particles=-2))
     assert coarse == {"gas.particles": "300", "dust.particles": "300", "gas.smoothing_length": "0.02"}
     # In one dimension it is a whole number of them.
-    assert wave.settings(place(wave, neighbours=2)) == {"gas.smoothing_length": "0.02"}
-    together = wave.settings(place(wave, particles=-3, neighbours=-2))
+    assert wave.settings(point(wave, neighbours=2)) == {"gas.smoothing_length": "0.02"}
+    together = wave.settings(point(wave, particles=-3, neighbours=-2))
     assert int(together["gas.particles"]) * float(together["gas.smoothing_length"]) == pytest.approx(3.0, rel=1e-6)
 
 
 def test_a_kernel_brings_its_own_eta(twin):
     cubic = twin.all[1].words.index("cubic")
-    assert twin.settings(place(twin, gas_kernel=cubic)) == {"gas.kernel": "cubic"}
-    found = twin.settings(place(twin, gas_kernel=cubic, neighbours=2))
+    assert twin.settings(point(twin, gas_kernel=cubic)) == {"gas.kernel": "cubic"}
+    found = twin.settings(point(twin, gas_kernel=cubic, neighbours=2))
     assert float(found["gas.eta"]) == pytest.approx(1.25 * 1.345, rel=1e-3)
 
 
-def test_what_does_not_go_together_is_no_place(twin):
+def test_what_does_not_go_together_is_no_point(twin):
     pairs = twin.all[0].words.index("mk")
-    assert twin.settings(place(twin, drag_scheme=pairs)) == {"drag.scheme": "mk"}
-    assert twin.settings(place(twin, drag_scheme=pairs, drag_cell=2)) is None  # no such cells
+    assert twin.settings(point(twin, drag_scheme=pairs)) == {"drag.scheme": "mk"}
+    assert twin.settings(point(twin, drag_scheme=pairs, drag_cell=2)) is None  # no such cells
 
 
 def test_units_stay(tmp_path):
@@ -93,7 +93,7 @@ def test_units_stay(tmp_path):
     text = Path("setups/twin_twoway.toml").read_text()
     path.write_text(text.replace('direction = "two-way"', 'direction = "two-way"\ncell = "2 au"'))
     knobs = knobs_of(path)
-    assert knobs.settings(place(knobs, drag_cell=2)) == {"drag.cell": '"1 au"'}
+    assert knobs.settings(point(knobs, drag_cell=2)) == {"drag.cell": '"1 au"'}
 
 
 def test_populations_of_dust_go_together(tmp_path):
@@ -102,14 +102,14 @@ def test_populations_of_dust_go_together(tmp_path):
         WAVE.replace("[dust]", "[[dust]]").replace("[drag]", "[[dust]]\nparticles = 120\nratio = 0.1\n[drag]")
     )
     knobs = knobs_of(path)
-    found = knobs.settings(place(knobs, dust_particles=-1))
+    found = knobs.settings(point(knobs, dust_particles=-1))
     assert found == {"dust.0.particles": "42", "dust.1.particles": "85"}
 
 
 def test_a_user_gives_and_keeps_knobs():
     knobs = knobs_of("setups/dusty_wave.toml", ["drag.integration=implicit"], ["drag.scheme", "particles"])
     assert names(knobs)[0] == "drag.integration" and not {"drag.scheme", "particles"} & set(names(knobs))
-    assert knobs.settings(place(knobs, drag_integration=1)) == {"drag.integration": "implicit"}
+    assert knobs.settings(point(knobs, drag_integration=1)) == {"drag.integration": "implicit"}
     both = knobs_of("setups/dusty_wave.toml", ["drag.scheme=tsc,idic"])
     assert both.all[0].words == ("", "idic")  # the scene's own is no other value
     with pytest.raises(StudyError, match="only the value of the scene"):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from discsim import load_scene
-from discsim.study.measures import MODES, mean_of, measures_of, seen
+from discsim.study.measures import MODES, mean_run, measures_of, structure_of
 
 SIZE = 2.0
 
@@ -29,7 +29,7 @@ def disc(n, rng, amplitude=0.0, m=2):
 def test_amplitudes_are_those_of_the_density():
     rng = np.random.default_rng(1)
     for m in MODES:
-        found = seen(sim_of(gas=disc(40_000, rng, 0.3, m)))["modes"]["gas"]
+        found = structure_of(sim_of(gas=disc(40_000, rng, 0.3, m)))["modes"]["gas"]
         # |A_m| of 1 + a cos(m phi) is a / 2; noise of 40,000 particles in 20 rings, of which squares are taken off.
         assert found[m - 1] == pytest.approx(0.15, abs=0.02)
         assert max(a for k, a in zip(MODES, found, strict=True) if k != m) < 0.04
@@ -38,12 +38,12 @@ def test_amplitudes_are_those_of_the_density():
 def test_mass_in_clumps():
     rng = np.random.default_rng(2)
     smooth = disc(40_000, rng)
-    assert seen(sim_of(gas=smooth))["clumps"]["gas"] == [0.0]
+    assert structure_of(sim_of(gas=smooth))["clumps"]["gas"] == [0.0]
     clump = np.array([0.3, 0.2]) + 0.004 * rng.normal(size=(8000, 2))
-    found = seen(sim_of(gas=np.concatenate([smooth, clump])))["clumps"]["gas"][0]
+    found = structure_of(sim_of(gas=np.concatenate([smooth, clump])))["clumps"]["gas"][0]
     assert found == pytest.approx(8000 / 48_000, rel=0.1)
     # Few particles, most pixels of a ring without any: none of them is a clump.
-    assert seen(sim_of(gas=disc(300, rng)))["clumps"]["gas"][0] < 0.05
+    assert structure_of(sim_of(gas=disc(300, rng)))["clumps"]["gas"][0] < 0.05
 
 
 def test_measures_of_a_scene_by_name():
@@ -55,10 +55,10 @@ def test_measures_of_a_scene_by_name():
 
 def test_errors_against_a_reference():
     rng = np.random.default_rng(3)
-    one, other = (seen(sim_of(dust=disc(20_000, rng, amplitude))) for amplitude in (0.0, 0.4))
+    one, other = (structure_of(sim_of(dust=disc(20_000, rng, amplitude))) for amplitude in (0.0, 0.4))
     known = measures_of(load_scene("setups/twin_twoway.toml"))
     assert known["dust-modes"].error(other, one) == pytest.approx(0.2, abs=0.02)
     assert known["dust-profile"].error(other, one) < 0.03  # the same in rings
     assert known["dust-profile"].error(one, one) == known["dust-clumps"].error(one, one) == 0.0
-    both = mean_of([one, other])
+    both = mean_run([one, other])
     assert both["modes"]["dust"] == pytest.approx(np.mean([one["modes"]["dust"], other["modes"]["dust"]], axis=0))

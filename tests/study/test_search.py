@@ -1,4 +1,4 @@
-"""The search for the cheapest setting, on synthetic errors and costs whose best places are known."""
+"""The search for the cheapest setting, on synthetic errors and costs whose best points are known."""
 
 import itertools
 import math
@@ -20,14 +20,14 @@ class Dial:
     q: float = 0.0
     lowest: int = -8
     highest: int = 8
-    choice: bool = False
+    is_choice: bool = False
     stride: int = 1
     errors: tuple[float, ...] = ()  # of a choice: times the error, and times the CPU time
     costs: tuple[float, ...] = ()
 
 
 def choice(errors, costs):
-    return Dial(choice=True, lowest=0, highest=len(errors) - 1, errors=errors, costs=costs)
+    return Dial(is_choice=True, lowest=0, highest=len(errors) - 1, errors=errors, costs=costs)
 
 
 class Model:
@@ -38,26 +38,26 @@ class Model:
         self.trials, self.spent, self.order = {}, 0.0, []
         self.rng = np.random.default_rng(seed)
 
-    def true(self, place):
+    def true(self, point):
         error, factor, cost = 0.0, 1.0, 1.0
-        for dial, rung in zip(self.dials, place, strict=True):
-            if dial.choice:
+        for dial, rung in zip(self.dials, point, strict=True):
+            if dial.is_choice:
                 factor, cost = factor * dial.errors[rung], cost * dial.costs[rung]
             else:
                 value = 2.0 ** (rung / 2)
                 error, cost = error + dial.a * value**-dial.p, cost * value**dial.q
         return Measured(cost, error * factor)
 
-    def allowed(self, place):
+    def is_valid(self, point):
         return True
 
-    def run(self, places, number=1, most=math.inf):
+    def run(self, points, number=1, most=math.inf):
         for count in range(1, number + 1):
-            for place in places:
-                trial = self.trials.setdefault(place, Trial(place))
+            for point in points:
+                trial = self.trials.setdefault(point, Trial(point))
                 if len(trial.runs) >= count or trial.stopped:
                     continue
-                cpu, error = self.true(place)
+                cpu, error = self.true(point)
                 cpu *= math.exp(self.timing * self.rng.normal())
                 if self.spent + min(cpu, most) > self.budget:
                     raise BudgetError
@@ -65,13 +65,13 @@ class Model:
                 if cpu > most:
                     trial.stopped = "given up"
                     continue
-                self.order.append(place)
+                self.order.append(point)
                 trial.runs.append(Measured(cpu, error * math.exp(self.noise * self.rng.normal())))
 
     def cheapest(self, goal):
-        """The best of all places."""
+        """The best of all points."""
         spans = [range(dial.lowest, dial.highest + 1) for dial in self.dials]
-        found = (self.true(place) for place in itertools.product(*spans))
+        found = (self.true(point) for point in itertools.product(*spans))
         return min(cost for cost, error in found if error <= goal)
 
 
@@ -89,23 +89,23 @@ SCHEMES = choice((1.0, 30.0, 1.05, 1.0), (1.0, 0.5, 0.3, 40.0))
 
 @pytest.mark.parametrize("goal", [0.1, 0.02, 0.005])
 @pytest.mark.parametrize("noise", [0.0, 0.1])
-def test_it_finds_a_place_near_the_best_of_all(goal, noise):
+def test_it_finds_a_point_near_the_best_of_all(goal, noise):
     dials = (PARTICLES, STEP, CELLS)
     for seed in range(3):
         model = Model(dials, noise, 0.03, seed=seed)
         found = found_in(model, goal, (-6, 0, 0))
         assert found.error <= goal
-        # A quarter more than the best of 17^3 places: half rungs of the dearest knob are a factor of 1.7 apart. With
+        # A quarter more than the best of 17^3 points: half rungs of the dearest knob are a factor of 1.7 apart. With
         # noise what is 10% better is not seen, in each of three knobs; CPU time goes with about error^-1.5. The true
         # error may be above the goal by what three seeds leave.
-        assert model.true(found.place).cpu <= (1.25 if noise == 0.0 else 2.5) * model.cheapest(goal)
-        assert model.true(found.place).error <= goal * (1.0 + 2.0 * noise)
+        assert model.true(found.point).cpu <= (1.25 if noise == 0.0 else 2.5) * model.cheapest(goal)
+        assert model.true(found.point).error <= goal * (1.0 + 2.0 * noise)
 
 
 def test_cheap_runs_come_first():
     model = Model((PARTICLES, STEP, CELLS))
     found = found_in(model, 0.005, (-6, 0, 0))
-    costs = [model.true(place).cpu for place in model.order]
+    costs = [model.true(point).cpu for point in model.order]
     assert max(costs[:9]) < found.cpu / 4
     assert sum(costs) < 60 * found.cpu
 
@@ -116,26 +116,26 @@ def test_a_useless_knob_is_not_chosen(noise):
     for seed in range(4):
         model = Model((PARTICLES, USELESS, IDLE), noise, 0.02, seed=seed)
         found = found_in(model, 0.01, (-6, 0, 0))
-        assert found.place[1] <= -6
-        assert noise > 0.0 or found.place[2] == 0  # in the noise one of two that are alike may miss the goal
+        assert found.point[1] <= -6
+        assert noise > 0.0 or found.point[2] == 0  # in the noise one of two that are alike may miss the goal
 
 
 def test_a_useless_choice_is_not_chosen():
     """A scheme that is dearer for the same error, one that is bad and cheap; and the good one is."""
     for noise in (0.0, 0.1):
         model = Model((PARTICLES, SCHEMES), noise, 0.02)
-        assert found_in(model, 0.01, (-6, 0)).place[1] == 2
+        assert found_in(model, 0.01, (-6, 0)).point[1] == 2
     model = Model((PARTICLES, choice((1.0, 1.0), (1.0, 1.5))), 0.1, 0.02)
-    assert found_in(model, 0.01, (-6, 0)).place[1] == 0
+    assert found_in(model, 0.01, (-6, 0)).point[1] == 0
 
 
 def test_knobs_that_gain_only_together_are_found():
     """Particles and neighbours of a fixed h: the error is that of the worse of the two."""
 
     class Worse(Model):
-        def true(self, place):
-            cost, _ = super().true(place)
-            return Measured(cost, 0.1 * max(2.0 ** (-place[0] / 2), 2.0 ** (-place[1] / 2)))
+        def true(self, point):
+            cost, _ = super().true(point)
+            return Measured(cost, 0.1 * max(2.0 ** (-point[0] / 2), 2.0 ** (-point[1] / 2)))
 
     model = Worse((Dial(q=1.0), Dial(q=1.0)))
     found = found_in(model, 0.02, (-4, -4))
@@ -151,31 +151,31 @@ def test_what_nothing_reaches_is_none():
 @pytest.mark.parametrize(("least", "began"), [(-2, (-2, -1)), (0, (0, 0))])
 @pytest.mark.parametrize("forbidden", [False, True])
 def test_where_the_start_gives_no_result_the_search_begins_nearer_to_the_scene(least, began, forbidden):
-    """Coarse places stop, or are no scenes at all: half-way to the scene, or the scene, is the first that is run."""
+    """Coarse points stop, or are no scenes at all: half-way to the scene, or the scene, is the first that is run."""
 
     class Refusing(Model):
-        def allowed(self, place):
-            return not forbidden or place[0] >= least
+        def is_valid(self, point):
+            return not forbidden or point[0] >= least
 
-        def run(self, places, number=1, most=math.inf):
-            assert all(map(self.allowed, places))
-            for place in places:
-                if place[0] < least:
-                    self.trials.setdefault(place, Trial(place)).stopped = "refused at the start"
-            super().run(places, number, most)
+        def run(self, points, number=1, most=math.inf):
+            assert all(map(self.is_valid, points))
+            for point in points:
+                if point[0] < least:
+                    self.trials.setdefault(point, Trial(point)).stopped = "refused at the start"
+            super().run(points, number, most)
 
     model = Refusing([PARTICLES, STEP])
     found = found_in(model, 0.02, (-5, -3))
     assert model.order[0] == began
-    assert found.error <= 0.02 and found.place[0] >= least
+    assert found.error <= 0.02 and found.point[0] >= least
     assert found_in(Refusing([PARTICLES, STEP]), 0.02, (-5, -3)).cpu == found.cpu
 
 
 def test_where_the_scene_itself_gives_no_result_none_is_found():
     class Refusing(Model):
-        def run(self, places, number=1, most=math.inf):
-            for place in places:
-                self.trials.setdefault(place, Trial(place)).stopped = "refused at the start"
+        def run(self, points, number=1, most=math.inf):
+            for point in points:
+                self.trials.setdefault(point, Trial(point)).stopped = "refused at the start"
 
     model = Refusing([PARTICLES, STEP])
     assert found_in(model, 0.02, (-5, -3)) is None and (0, 0) in model.trials
@@ -199,32 +199,32 @@ def test_the_scene_and_finalists_are_run_in_turn_with_several_seeds():
 
 
 def test_a_lucky_seed_does_not_decide():
-    """Of a place whose first seed alone is good the mean is taken."""
+    """Of a point whose first seed alone is good the mean is taken."""
 
     class Lucky(Model):
-        def run(self, places, number=1, most=math.inf):
-            super().run(places, number, most)
+        def run(self, points, number=1, most=math.inf):
+            super().run(points, number, most)
             trial = self.trials.get((-4, 0))
             if trial and trial.runs:
                 trial.runs[0] = trial.runs[0]._replace(error=1e-3)
 
     model = Lucky((PARTICLES, STEP))
     found = found_in(model, 0.03, (-6, 0))
-    assert found.place != (-4, 0) and found.error <= 0.03
+    assert found.point != (-4, 0) and found.error <= 0.03
 
 
 def test_what_buys_nothing_is_put_back():
     model = Model((PARTICLES, IDLE))
-    assert found_in(model, 0.01, (-6, 4)).place[1] == 0
+    assert found_in(model, 0.01, (-6, 4)).point[1] == 0
 
 
 def test_a_gain_within_the_noise_is_none():
     model = Model((PARTICLES, IDLE))
     search = Search(model.dials, model, 0.01, (0, 0), lambda text: None)
     search.error_noise = 0.4
-    for place, factor in (((0, 0), 1.0), ((2, 0), 0.75), ((4, 0), 0.5), ((-2, 0), 1.2)):
-        model.trials[place] = Trial(place, [Measured(1.0, 0.1 * factor)])
-    gains = [search._change_from_centre(place).error for place in ((2, 0), (4, 0), (-2, 0))]
+    for point, factor in (((0, 0), 1.0), ((2, 0), 0.75), ((4, 0), 0.5), ((-2, 0), 1.2)):
+        model.trials[point] = Trial(point, [Measured(1.0, 0.1 * factor)])
+    gains = [search._change_from_centre(point).error for point in ((2, 0), (4, 0), (-2, 0))]
     # What is worse counts as it is: a loss that is overlooked would cost the goal.
     assert gains == pytest.approx([0.0, math.log(0.5), math.log(1.2)])
 
@@ -236,4 +236,4 @@ def test_gains_that_hide_in_the_noise_are_looked_for_further_off():
         model = Model((slow, IDLE), 0.1, 0.03, seed=seed)
         found = found_in(model, 0.06, (-6, 0))
         # Half rungs are a factor of 1.4 apart, and the mean of three seeds is off by 6%, which is 16% of CPU time.
-        assert found is not None and model.true(found.place).cpu <= 1.7 * (0.1 / 0.06) ** 2.5
+        assert found is not None and model.true(found.point).cpu <= 1.7 * (0.1 / 0.06) ** 2.5

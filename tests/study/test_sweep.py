@@ -20,7 +20,7 @@ from discsim.run.runner import run_scene
 from discsim.run.simulation import Simulation
 from discsim.scene import SceneError, tomltext
 from discsim.study import sweep as sweeps
-from discsim.study.outcomes import chosen, found_in, outcomes_of, quantile_radii
+from discsim.study.outcomes import outcomes_of, quantile_radii, read_results, select_outcomes
 from discsim.study.points import StudyError
 
 SCENE = {
@@ -127,13 +127,13 @@ def test_measures_are_chosen_by_name_without_new_runs(made, scene, monkeypatch):
 
 
 def test_of_two_keys_each_pair_is_run_and_one_that_fails_is_told(scene, tmp_path, monkeypatch):
-    made, one_run = [], sweeps.one_run
+    made, run_or_resume = [], sweeps.run_or_resume
 
     def run(path, overrides, without, directory):
         made.append(overrides)
-        return 3 if "drag.stokes=1" in overrides else one_run(path, overrides, without, directory)
+        return 3 if "drag.stokes=1" in overrides else run_or_resume(path, overrides, without, directory)
 
-    monkeypatch.setattr(sweeps, "one_run", run)
+    monkeypatch.setattr(sweeps, "run_or_resume", run)
     done = command(
         scene, "--vary", "drag.stokes=1,10", "--vary", "drag.direction=one-way,two-way", "-o", tmp_path / "b",
         "--set", "run.until=0.02",
@@ -219,15 +219,15 @@ def test_measures_have_units(tmp_path):
     assert found["accreted_gas"].head == "accreted_gas [Msun]" and found["step"].head == "step"
     # 1 Msun / (10 au)^2 in g/cm2
     assert found["gas-peak"].factor == pytest.approx(1.98841e33 / (10 * 1.495978707e13) ** 2, rel=1e-5)
-    assert [each.name for each in chosen(far)] == ["dust-peak", "dust-r50"]  # no star that accretes
+    assert [each.name for each in select_outcomes(far)] == ["dust-peak", "dust-r50"]  # no star that accretes
     row = dict.fromkeys(COLUMNS, "0") | {"step": "9", "dt_set_by": "gas", "mass_gas": "3", "mass_dust": "4"}
     (tmp_path / "history.csv").write_text(f"{','.join(COLUMNS)}\n{','.join(row.values())}\n")
     (tmp_path / "costs.csv").write_text("effect,calls,cpu_seconds,share\ngas,1,1.5,.75\ndust,1,0.5,.25\n")
     near = load_scene(disc | {"units": {"mass": "10 Msun"}})
-    values = found_in(tmp_path, near, chosen(near, ["mass_dust", "step", "cpu"])).values
+    values = read_results(tmp_path, near, select_outcomes(near, ["mass_dust", "step", "cpu"])).values
     assert values == pytest.approx({"mass_dust": 40.0, "step": 9.0, "cpu": 2.0}, rel=1e-12)
     with pytest.raises(StudyError, match="--measure accreted_small: unknown"):
-        chosen(far, ["accreted_small"])  # nothing grows
+        select_outcomes(far, ["accreted_small"])  # nothing grows
 
 
 def test_radii_hold_their_shares_of_unequal_masses():

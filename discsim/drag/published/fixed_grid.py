@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from discsim.parts import EOS, LAWS
-from discsim.scene.rules import Draft, Problem, kinds
+from discsim.scene.rules import Draft, Problem, starts_where
 
 OF_SPH = (
     "kernel",
@@ -36,7 +36,7 @@ def _tables(draft: Draft) -> Iterator[Problem]:
     if draft.run and draft.run.integrator != "kdk":
         yield ("run", "integrator"), f"{scheme} has its own time integrator; remove this key"
     if draft.start and not draft.start.cell_values:
-        *some, last = kinds(lambda start: start.cell_values)
+        *some, last = starts_where(lambda start: start.cell_values)
         yield ("initial", "kind"), f"{scheme} does not support this start; expected {', '.join(some)} or {last}"
 
 

@@ -3,8 +3,7 @@
 from argparse import ArgumentParser
 
 import pytest
-
-from discsim.study import scripts
+import script_helpers as scripts
 
 
 def test_names_are_some_of_those_known():

@@ -12,7 +12,7 @@ from discsim import Simulation
 
 
 def some_of(known: Collection[str], what: str, separator: str = ",") -> Callable[[str], list[str]]:
-    """Return an argparse type that parses a list of names from `known`; `what` describes a name in messages."""
+    """Return an argparse type that parses a list of names from `known`. what: a name in words, for messages."""
 
     def names(text: str) -> list[str]:
         given = text.split(separator)
@@ -40,7 +40,7 @@ def whole_numbers(least: int) -> Callable[[str], list[int]]:
 
 
 def warm_up(sim: Simulation) -> None:
-    """Make two steps of `sim`, to compile the kernels that a similar run will use."""
+    """Make two steps of `sim`, which compile the kernels of a similar run."""
     for _ in range(2):
         sim.step()
 

@@ -1,1 +1,0 @@
-"""The tables of effects that a `Scene` has as attributes, one module per table."""
