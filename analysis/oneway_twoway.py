@@ -27,7 +27,7 @@ from rich.console import Console
 from rich.table import Table
 from scipy.signal import peak_prominences, peak_widths
 
-from discsim.output.bins import range_of_mass
+from discsim.output.bins import density_range
 from discsim.output.snapshot import Snapshot, SnapshotError, read_snapshot
 from discsim.study.outcomes import QUANTILES, RINGS, SMOOTHING_RINGS, quantile_radii, smoothed
 
@@ -93,7 +93,7 @@ def draw(names, times, edges, profiles, tracks, labels) -> Figure:
     figure = Figure(figsize=(5 * (len(names) + ratio), 4.4), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots(1, len(names) + ratio, sharey=True, squeeze=False)[0]
-    norm = LogNorm(*range_of_mass(np.concatenate(profiles)), clip=True)
+    norm = LogNorm(*density_range(np.concatenate(profiles)), clip=True)
     between = np.concatenate([times[:1], 0.5 * (times[1:] + times[:-1]), times[-1:]])
     for ax, name, sigma, track in zip(axes, names, profiles, tracks, strict=False):
         image = ax.pcolormesh(edges, between, np.maximum(sigma, norm.vmin), norm=norm, cmap="inferno", rasterized=True)

@@ -21,7 +21,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
-from discsim.output.bins import range_of_mass
+from discsim.output.bins import density_range
 from discsim.output.snapshot import Snapshot, SnapshotError, read_snapshot
 
 COLOURS = {"gas": "viridis", "dust": "inferno"}
@@ -117,7 +117,7 @@ def map_figure(run: Run) -> Figure:
     for axes, kind in zip(np.atleast_1d(figure.subplots(1, len(run.kinds))), run.kinds, strict=True):
         window = np.full(2, -half), np.full(2, half)
         sigma = run.density * run.last.species[kind].surface_density_map(*window, PIXELS).T
-        norm = LogNorm(*range_of_mass(sigma), clip=True)
+        norm = LogNorm(*density_range(sigma), clip=True)
         extent = (-side, side, -side, side)
         shown = np.maximum(sigma, norm.vmin)
         image = axes.imshow(shown, origin="lower", extent=extent, norm=norm, cmap=COLOURS[kind])
@@ -133,7 +133,7 @@ def radius_time_figure(run: Run) -> Figure:
     figure = Figure(figsize=(6.2 * len(run.kinds), 4.8), layout="constrained")
     for axes, kind in zip(np.atleast_1d(figure.subplots(1, len(run.kinds))), run.kinds, strict=True):
         sigma = run.profiles[kind]
-        norm = LogNorm(*range_of_mass(sigma), clip=True)
+        norm = LogNorm(*density_range(sigma), clip=True)
         shown = np.maximum(sigma, norm.vmin)
         edges = run.length * run.edges
         image = axes.pcolormesh(edges, _between(run.times), shown, norm=norm, cmap=COLOURS[kind], rasterized=True)

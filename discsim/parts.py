@@ -243,9 +243,9 @@ FIELDS = Parts(
         "dust.x": "discsim.output.fields.motion:dust_x",
         "dust.y": "discsim.output.fields.motion:dust_y",
         "small_dust.surface_density": "discsim.output.fields.dust:small_surface_density",
-        "dust_to_gas": "discsim.output.fields.together:dust_to_gas",
-        "optical_depth": "discsim.output.fields.together:optical_depth",
-        "emission": "discsim.output.fields.together:emission",
+        "dust_to_gas": "discsim.output.fields.combined:dust_to_gas",
+        "optical_depth": "discsim.output.fields.combined:optical_depth",
+        "emission": "discsim.output.fields.combined:emission",
     },
     has=("kind", "species", "values"),
 )

@@ -12,10 +12,10 @@ GIVEN_BACK = f"""
 import os
 from pathlib import Path
 import numpy as np
-from discsim.cli.process import keep_freed
+from discsim.cli.process import keep_freed_memory
 def resident():
     return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
-keep_freed()
+keep_freed_memory()
 array = np.ones({SIZE // 8})
 held = resident()
 del array

@@ -1,17 +1,23 @@
-"""Code that all commands share: the typer app, error messages, common options, and loading of the scene."""
+"""Code that all commands share: the typer app, error messages, common options, and loading of the scene.
+
+A command raises UserError for a fault that the user can correct; `_Commands` prints the message.
+"""
 
 from __future__ import annotations
 
+import errno
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
+from typer.core import TyperGroup
 
-from discsim import shipped
 from discsim.launch import LaunchError, size_and_rank
-from discsim.printable import printable_lines
+from discsim.printable import UserError, printable_lines
+from discsim.shipped import scene_file
 from discsim.userfiles import system_message
 
 if TYPE_CHECKING:
@@ -19,7 +25,23 @@ if TYPE_CHECKING:
 
 NOT_WRITTEN, WRONG_INPUT, INTERRUPTED = 1, 2, 130
 
+
+class _Commands(TyperGroup):
+    """The group of all commands. A UserError or OSError in a command becomes a message and an exit status."""
+
+    def invoke(self, ctx: Any) -> Any:
+        try:
+            return super().invoke(ctx)
+        except UserError as error:
+            fail(str(error))
+        except OSError as fault:
+            if fault.errno == errno.EPIPE:  # typer ends the process without a message
+                raise
+            fail(system_message(fault, "read or written", "a file"), NOT_WRITTEN)
+
+
 app = typer.Typer(
+    cls=_Commands,
     add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
@@ -29,9 +51,12 @@ app = typer.Typer(
 
 
 def fail(message: str, status: int = WRONG_INPUT) -> NoReturn:
-    """Print an error message on standard error, and exit with `status`. Of several MPI ranks, only the first prints."""
+    """Print an error message on standard error, and exit with `status`.
+
+    All MPI ranks find the same error, and only the first rank prints it.
+    """
     try:
-        is_first_rank = size_and_rank()[1] == 0  # all MPI ranks find the same error, and only the first prints it
+        is_first_rank = size_and_rank()[1] == 0
     except LaunchError:
         is_first_rank = True
     if is_first_rank:
@@ -40,7 +65,7 @@ def fail(message: str, status: int = WRONG_INPUT) -> NoReturn:
 
 
 def show(text: object) -> None:
-    """Print lines on standard output. Raises BrokenPipeError if the reader of the pipe is gone."""
+    """Print a text on standard output. Raises BrokenPipeError if standard output is a closed pipe."""
     try:
         typer.echo(printable_lines(text))
     except BrokenPipeError:
@@ -49,23 +74,32 @@ def show(text: object) -> None:
         fail(system_message(fault, "written", "standard output"), NOT_WRITTEN)
 
 
-def _scene_file(given: Path) -> Path:
+@contextmanager
+def exit_on_fault(verb: str, path: Path | str, interrupted: str = "interrupted; no file was written") -> Iterator[None]:
+    """Exit with a message if the block raises OSError or KeyboardInterrupt.
+
+    verb, path: arguments of `system_message`. interrupted: message for KeyboardInterrupt.
+    """
     try:
-        return shipped.scene_file(given)
-    except shipped.ShippedError as error:
-        fail(str(error))
+        yield
+    except OSError as fault:
+        fail(system_message(fault, verb, path), NOT_WRITTEN)
+    except KeyboardInterrupt:
+        fail(interrupted, INTERRUPTED)
 
 
 SceneArgument = Annotated[
     Path,
     typer.Argument(
-        help="Scene file (TOML), or the name of a setup.", metavar="SCENE.toml", readable=False, callback=_scene_file
+        help="Scene file (TOML), or the name of a setup.", metavar="SCENE.toml", readable=False, callback=scene_file
     ),
 ]
 SetOption = Annotated[
     list[str] | None, typer.Option("--set", metavar="TABLE.KEY=VALUE", help="Change one value of the scene.")
 ]
 WithoutOption = Annotated[list[str] | None, typer.Option(metavar="TABLE", help="Remove an effect from the scene.")]
+UntilOption = Annotated[str | None, typer.Option(metavar="T", help='End time, as in run.until: "100 yr".')]
+QuietOption = Annotated[bool, typer.Option("--quiet", help="Do not show progress.")]
 VaryOption = Annotated[
     list[str] | None,
     typer.Option(
@@ -76,6 +110,7 @@ VaryOption = Annotated[
 
 
 def _print_version(is_requested: bool) -> None:
+    """Print the version and exit, if the option --version is given."""
     if is_requested:
         from discsim.version import __version__
 
@@ -93,13 +128,10 @@ def _discsim(
 
 
 def load(path: Path, overrides: Sequence[str], without: Sequence[str]) -> Scene:
-    """Return the validated scene of a file; if it has faults, print them and exit.
+    """Return the validated scene of the file `path`. Raises SceneError.
 
     overrides, without: values of the options --set and --without.
     """
-    from discsim.scene import SceneError, load_scene
+    from discsim.scene import load_scene  # a slow import
 
-    try:
-        return load_scene(path, overrides, without)
-    except SceneError as error:
-        fail(str(error))
+    return load_scene(path, overrides, without)

@@ -9,9 +9,9 @@ from typing import Annotated
 
 import typer
 
-from discsim.cli.base import INTERRUPTED, SceneArgument, SetOption, VaryOption, WithoutOption, app, fail, load
+from discsim.cli.base import SceneArgument, SetOption, VaryOption, WithoutOption, app, exit_on_fault, fail, load
 from discsim.printable import printable
-from discsim.run.directory import DirectoryError, directory_fault, held
+from discsim.run.directory import held, refuse_directory
 
 ERROR_NOT_REACHED = 4
 
@@ -58,14 +58,13 @@ def cost(
 
     --vary makes a table of runs, --error finds the setting.
     """
-    loaded = load(scene, settings or (), without or ())
-    from discsim.scene import SceneError
-
     changed = settings or (), without or ()
+    loaded = load(scene, *changed)
     directory = output or Path("runs") / f"{scene.stem}-{'cost' if error is None else 'cheapest'}"
     title = loaded.title or printable(scene)
-    try:
-        from discsim.study.points import StudyError, Varied
+    again = f"interrupted; repeat the command to continue with the runs in {directory}"
+    with exit_on_fault("read or written", directory, again):
+        from discsim.study.points import Varied
 
         varied = [Varied.from_text(text) for text in vary or ()]
         make: Callable[[], bool]
@@ -81,22 +80,17 @@ def cost(
             goal, seconds = parse_error(error), parse_budget(budget)
             options = SearchOptions(goal, seconds, measure, finer, varied, keep or (), repeat or 3, parallel)
             make = partial(Cheapest(scene, directory, options, *changed).make, title)
-        fault = directory_fault(directory, resume=False)
-        if fault:
-            fail(fault)
+        refuse_directory(directory, resume=False)
         with held(directory):
             reached = make()
-    except (SceneError, StudyError, DirectoryError) as wrong:
-        fail(str(wrong))
-    except KeyboardInterrupt:
-        fail(f"interrupted; repeat the command to continue with the runs in {directory}", INTERRUPTED)
     if not reached:
         raise SystemExit(ERROR_NOT_REACHED)
 
 
 def _refuse_search_options(vary: list[str] | None, given: Mapping[str, object]) -> None:
+    """Exit with a message if the command has no --vary, or options `given` that only a search uses."""
     if not vary:
-        fail("nothing to do; expected --error 1% for the cheapest setting, or --vary with values of a key")
+        fail("nothing to do; give --error 1% for the cheapest setting, or --vary with values of a key")
     for name, value in given.items():
         if value:
-            fail(f"{name}: used only with --error; expected --error too, or no {name}")
+            fail(f"{name}: used only with --error; add --error, or leave out {name}")

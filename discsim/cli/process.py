@@ -4,7 +4,7 @@
 scans them repeatedly, for 10% of a start with cached kernels and 8% of a start with compilation. The objects that a
 step creates are freed without the garbage collector.
 
-`keep_freed`: freed memory of arrays stays with the process, for the next arrays. By default glibc returns arrays
+`keep_freed_memory`: freed memory of arrays stays with the process, for the next arrays. By default glibc returns arrays
 above 32 MB to the system as soon as they are freed. Each step allocates arrays of the same sizes again, and the
 system maps and clears fresh memory page by page. This takes 10% of a step of 1e6 and 1e7 particles (2026-11). All
 threads use one arena, because the arenas of helper threads would still return memory. A user's own malloc settings
@@ -26,12 +26,12 @@ USER_SETTINGS = (
 
 
 def collect_rarely() -> None:
-    """Make the garbage collector run rarely, and not at the end of the process."""
+    """Make Python's garbage collector run rarely, and not at the end of the process."""
     gc.set_threshold(100_000, 20, 100)
     atexit.register(gc.freeze)
 
 
-def keep_freed() -> None:
+def keep_freed_memory() -> None:
     """Make glibc's malloc keep freed memory. Do nothing without glibc, or if the user has set malloc's parameters."""
     if any(name in os.environ for name in USER_SETTINGS) or "glibc.malloc" in os.environ.get("GLIBC_TUNABLES", ""):
         return

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from discsim.cli.base import (
-    INTERRUPTED,
-    NOT_WRITTEN,
+    QuietOption,
     SceneArgument,
     SetOption,
+    UntilOption,
     VaryOption,
     WithoutOption,
     app,
+    exit_on_fault,
     fail,
     load,
     show,
@@ -22,8 +24,7 @@ from discsim.cli.base import (
 from discsim.launch import size_and_rank
 from discsim.parts import install_command
 from discsim.printable import printable
-from discsim.run.directory import DirectoryError, directory_fault, held
-from discsim.userfiles import system_message
+from discsim.run.directory import held, refuse_directory
 
 if TYPE_CHECKING:
     from discsim.scene import Scene
@@ -38,29 +39,28 @@ def run(
     ] = None,
     settings: SetOption = None,
     without: WithoutOption = None,
-    until: Annotated[str | None, typer.Option(metavar="T", help='End time, as in run.until: "100 yr".')] = None,
+    until: UntilOption = None,
     threads: Annotated[int | None, typer.Option(min=1, help="Number of threads; results do not depend on it.")] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Resume from the checkpoint in DIR.")] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", help="Do not show progress.")] = False,
+    quiet: QuietOption = False,
 ) -> None:
     """Run a scene."""
-    from discsim.scene.overrides import Option
-
-    overrides: list[str] = list(settings or ())
-    if until is not None:
-        overrides.append(Option("--until", "run.until", until))
-    if threads is not None:
-        overrides.append(Option("--threads", "run.threads", threads))
-    loaded = load(scene, overrides, without or ())
+    loaded = load(scene, _overrides(settings, until=until, threads=threads), without or ())
     directory = output or Path("runs") / scene.stem
     if size_and_rank()[0] > 1:
         raise SystemExit(_run_on_mpi(loaded, directory, resume, quiet))
-    fault = directory_fault(directory, resume)
-    if fault:
-        fail(fault)
+    refuse_directory(directory, resume)
     from discsim.run.runner import run_scene
 
     raise SystemExit(run_scene(loaded, directory, resume=resume, quiet=quiet))
+
+
+def _overrides(settings: Sequence[str] | None, **run_keys: object) -> list[str]:
+    """Return the values of --set, and those of options like --until that set a key of [run], for `load_scene`."""
+    from discsim.scene.overrides import Option
+
+    given = {key: value for key, value in run_keys.items() if value is not None}
+    return [*(settings or ()), *(Option(f"--{key}", f"run.{key}", value) for key, value in given.items())]
 
 
 def _run_on_mpi(scene: Scene, directory: Path, resume: bool, quiet: bool) -> int:
@@ -83,27 +83,19 @@ def branch(
     ] = None,
     settings: SetOption = None,
     without: WithoutOption = None,
-    until: Annotated[str | None, typer.Option(metavar="T", help='End time, as in run.until: "100 yr".')] = None,
+    until: UntilOption = None,
     preview: Annotated[
         bool, typer.Option("--check", help="Print the changes and the output of `check`, and stop.")
     ] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", help="Do not show progress.")] = False,
+    quiet: QuietOption = False,
 ) -> None:
     """Start a new run from a snapshot, with other physics. The time goes on."""
-    from discsim.run.branch import BranchError
     from discsim.run.branch import branch as branch_of
-    from discsim.scene import SceneError
-    from discsim.scene.overrides import Option
 
-    try:
-        ends = [] if until is None else [Option("--until", "run.until", until)]
-        made = branch_of(directory, at, [*(settings or ()), *ends], without or ())
-    except (BranchError, SceneError) as error:
-        fail(str(error))
+    made = branch_of(directory, at, _overrides(settings, until=until), without or ())
     into = output or directory.parent / f"{directory.resolve().name}-{made.snapshot.stem}"
-    fault = None if preview else directory_fault(into, resume=False)
-    if fault:
-        fail(fault)
+    if not preview:
+        refuse_directory(into, resume=False)
     if preview or not quiet:
         show(made.words)
     if preview:
@@ -137,26 +129,18 @@ def sweep(
         fail("nothing to vary; expected --vary with values of a key, like --vary dust.ratio=0.01,0.1")
     from rich.console import Console
 
-    from discsim.output.snapshot import SnapshotError
-    from discsim.scene import SceneError
-    from discsim.study.points import StudyError, Varied
+    from discsim.study.points import Varied
     from discsim.study.sweep import RunError, Sweep
 
     directory = output or Path("runs") / f"{scene.stem}-sweep"
-    fault = directory_fault(directory, resume=False)
-    if fault:
-        fail(fault)
+    refuse_directory(directory, resume=False)
     console = Console(markup=False, highlight=False, emoji=False, soft_wrap=True)
+    again = f"interrupted; repeat the command to continue with the runs in {directory}"
     try:
-        varied = [Varied.from_text(text) for text in vary]
-        made = Sweep(scene, varied, directory, measure or (), settings or (), without or ())
-        with held(directory):
-            made.make(loaded.title or printable(scene), parallel, console)
-    except (SceneError, StudyError, DirectoryError, SnapshotError) as wrong:
-        fail(str(wrong))
+        with exit_on_fault("read or written", directory, again):
+            varied = [Varied.from_text(text) for text in vary]
+            made = Sweep(scene, varied, directory, measure or (), settings or (), without or ())
+            with held(directory):
+                made.make(loaded.title or printable(scene), parallel, console)
     except RunError as failed:
         raise SystemExit(failed.status) from None
-    except OSError as error:
-        fail(system_message(error, "read or written", directory), NOT_WRITTEN)
-    except KeyboardInterrupt:
-        fail(f"interrupted; repeat the command to continue with the runs in {directory}", INTERRUPTED)

@@ -7,10 +7,8 @@ from typing import Annotated
 
 import typer
 
-from discsim.cli.base import NOT_WRITTEN, SceneArgument, SetOption, WithoutOption, app, fail, load, show
-from discsim.shipped import ShippedError, copy_setup
-from discsim.shipped import setups as shipped_setups
-from discsim.userfiles import system_message
+from discsim import shipped
+from discsim.cli.base import SceneArgument, SetOption, WithoutOption, app, exit_on_fault, load, show
 
 
 @app.command()
@@ -25,7 +23,7 @@ def check(scene: SceneArgument, settings: SetOption = None, without: WithoutOpti
 @app.command()
 def setups() -> None:
     """List the setups that come with discsim. Each has its name, title, subject and duration."""
-    for each in shipped_setups().values():
+    for each in shipped.setups().values():
         takes = each.notes.get("How long", "").partition(",")[0].rstrip(".")
         show(f"{each.name:<18} {each.title}{f' ({takes})' if takes else ''}\n{'':<18} {each.about}".rstrip())
 
@@ -39,12 +37,8 @@ def new(
 ) -> None:
     """Copy a setup, as the start of a scene of your own."""
     path = file or Path(f"{name}.toml")
-    try:
-        copy_setup(name, path)
-    except ShippedError as error:
-        fail(str(error))
-    except OSError as error:
-        fail(system_message(error, "written", path), NOT_WRITTEN)
+    with exit_on_fault("written", path, "interrupted"):
+        shipped.copy_setup(name, path)
     show(f"{path}: copy of the setup {name}; run it with: discsim run {path}")
 
 
@@ -54,9 +48,5 @@ def effects(
 ) -> None:
     """List the effects: equations, and keys with units and defaults."""
     from discsim.preview.reference import effects_text
-    from discsim.printable import UserError
 
-    try:
-        show(effects_text(name))
-    except UserError as wrong:
-        fail(str(wrong))
+    show(effects_text(name))

@@ -2,9 +2,9 @@
 
     Sigma = sum m G / area,    <q> = sum m q G / sum m G
 
-with the mass m and a quantity q of each particle, and its weight G in the bin. In rings G is 1. On pixels G is a
-Gaussian whose standard deviation is the radius of a circle around the particle with 12 neighbours; these are
-estimated from particle counts of pixels, averaged over boxes of increasing side.
+with the mass m and a quantity q of each particle, and its weight G in the bin. In rings G is 1 for the particles in the
+ring. On pixels G is a Gaussian, whose standard deviation is the radius of a circle around the particle that contains 12
+neighbours. This radius is estimated from particle counts of pixels, averaged over boxes of increasing side.
 """
 
 from __future__ import annotations
@@ -18,56 +18,58 @@ Array = np.ndarray
 NEIGHBOURS = 12  # neighbours within one standard deviation of the Gaussian of a particle
 CUTOFF = 3.5  # cutoff of a Gaussian, in standard deviations
 _BLOCK = 1 << 19  # particles per block, so that temporary arrays fit into the cache
-_MARGIN_DIVISOR = 8  # a map has a margin of 1/8 of its longer side, as Gaussians of particles there extend into the map
-RINGS = 80
-FINE_BINS, ITERATIONS = 240, 4  # bins of smooth profiles; iterations for the widths of Gaussians
+# A map is computed with a margin of 1/8 of its longer side, because Gaussians of particles there extend into the map.
+_MARGIN_DIVISOR = 8
+RINGS = 80  # number of rings in a figure
+FINE_BINS, ITERATIONS = 240, 4  # number of bins of a smooth profile; iterations for the widths of Gaussians
 MAX_WIDTH = 0.03  # largest standard deviation of a Gaussian, as a fraction of the length of the profile
 
 
 class Bins(Protocol):
-    """Protocol of bins for sums over particles.
+    """Bins for sums over particles.
 
-    `measure` is the area (in 1D the length) of the bins: an array, or one number for all bins.
+    `measure` is the area of each bin, in 1D its length: an array, or one number for all bins.
     """
 
     measure: Any
 
     def sum(self, weights: Array) -> Array:
-        """Return the sum of weights (n,) in each bin."""
+        """Return for each bin the sum of the particles' `weights` (n,)."""
 
     def has_enough_mass(self, mass: Array) -> Array:
-        """Return a mask of the bins with enough mass for a mean; `mass` is the mass in each bin."""
+        """Return a mask of the bins with enough mass for a mean over particles; `mass` is the mass in each bin."""
 
 
 class Rings:
-    """Bins between increasing `edges` (bins + 1,) in radius, or in 1D in position.
+    """Rings, or in 1D bins in x, between increasing `edges` (bins + 1,).
 
-    `at` (n,) are the radii or positions of the particles. `measure` (bins,) defaults to the areas of the rings.
+    `at` (n,) are the radii of the particles, or in 1D their positions. By default `measure` (bins,) has areas of rings.
     """
 
     def __init__(self, at: Array, edges: Array, measure: Array | None = None) -> None:
         edges = np.asarray(edges, dtype=float)
         self.count = len(edges) - 1
         self.measure = np.pi * np.diff(edges**2) if measure is None else measure
-        self.flat = np.empty(len(at), np.int32)
+        self.bin_index = np.empty(len(at), np.int32)  # of each particle; `count` for particles outside
         for part in blocks(len(at)):
             found = np.searchsorted(edges, at[part], side="right") - 1
-            self.flat[part] = np.where(found < 0, self.count, found)
-            self.flat[part][at[part] == edges[-1]] = self.count - 1
+            self.bin_index[part] = np.where(found < 0, self.count, found)
+            self.bin_index[part][at[part] == edges[-1]] = self.count - 1
 
     def sum(self, weights: Array) -> Array:
-        return np.bincount(self.flat, weights, self.count + 1)[: self.count]
+        return np.bincount(self.bin_index, weights, self.count + 1)[: self.count]
 
     def has_enough_mass(self, mass: Array) -> Array:
         return mass > 0
 
 
 class SmoothRings:
-    """Fine rings (in 1D bins of x) over which each particle is spread by a Gaussian.
+    """Fine rings, or in 1D bins in x, over which each particle is spread by a Gaussian.
 
-    `at` (n,) are the radii or positions of the particles, `ends` the first and last edge. The standard deviation of a
-    Gaussian is 0.6 times the local particle spacing, which is n^(-1/2), in 1D 1/n, for a number density n. This
-    smooths the rings of particles in a quiet start to 0.1%. The attribute `edges` has shape (bins + 1,).
+    `at` (n,) are the radii of the particles, or in 1D their positions. `ends` are the first and the last edge, and the
+    attribute `edges` (bins + 1,) has all edges. The standard deviation of a Gaussian is 0.6 times the local distance
+    between particles, n^(-1/2) for a number density n, in 1D 1/n. This reduces density variations that come from the
+    rings of particles in a quiet start to 0.1%.
     """
 
     def __init__(self, at: Array, ends: tuple[float, float], dimensions: int) -> None:
@@ -91,22 +93,23 @@ class SmoothRings:
 
 
 def _gaussian_weights(width: Array, measure: Array) -> Array:
-    """Return a matrix of weights [to, from] that spreads the content of each bin over its neighbours by a Gaussian.
+    """Return a matrix (n, n) that spreads the content of each bin over all bins by a Gaussian.
 
-    `width` (n,) is the standard deviation in bins, `measure` (n,) the area of the bins. Sums over bins are conserved.
+    The matrix times an array (n,) of contents gives the spread contents; their sum stays the same. `width` (n,) is the
+    standard deviation for each bin, in bins, and `measure` (n,) the area of the bins.
     """
-    number = np.arange(len(width))
-    distance = np.abs(number[:, None] - number) / width
+    index = np.arange(len(width))
+    distance = np.abs(index[:, None] - index) / width
     weight = np.where(distance <= CUTOFF, np.exp(-0.5 * distance**2), 0.0) * measure[:, None]
     return weight / weight.sum(axis=0)
 
 
-class Plane:
-    """Pixels [i, j] of a window (lower, upper corner) over which particles are spread by Gaussians.
+class PixelBins:
+    """Pixels [i, j] over which particles are spread by Gaussians.
 
-    `count` is the number of particles, and `positions(slice)` returns the positions (n, 2) of some of them. `shape` is
-    the number of pixels along each axis, and `periodic` is True for axes that are periodic. `measure` is the area of a
-    pixel: one number, or an array (nx, ny).
+    `count` is the number of particles, and `positions(part)` returns the positions (n, 2) of the particles in a slice.
+    `window` is the lower and the upper corner of the map, `shape` the number of pixels along each axis, and `periodic`
+    is True for a periodic axis. `measure` is the area of a pixel, one number or (nx, ny); by default width x height.
     """
 
     def __init__(
@@ -125,22 +128,26 @@ class Plane:
         self.margin = tuple(0 if repeats else -(-max(shape) // _MARGIN_DIVISOR) for repeats in periodic)
         self.padded = tuple(n + 2 * m for n, m in zip(shape, self.margin, strict=True))
         self.size = self.padded[0] * self.padded[1]
-        self.flat = np.empty(count, np.int32)
+        self.pixel_index = np.empty(count, np.int32)
         for part in blocks(count):
-            self.flat[part] = self._pixel_index((positions(part) - lower) / pixel)
+            self.pixel_index[part] = self._flat_index((positions(part) - lower) / pixel)
         counts = self._deposit(None)
         self.occupied = np.flatnonzero(counts)
-        # Filters exist for widths in steps of sqrt(2). The mass of a particle is divided between the two filters next
-        # to its own width, so that the map is continuous in the width. Widths below half a pixel make no difference.
+        # The widths of filters rise in steps of sqrt(2). The mass of a particle is divided between the two filters next
+        # to its own width, so that the map depends continuously on the width. Widths below half a pixel do not matter.
         width = _gaussian_widths(counts.reshape(self.padded), self.occupied, self._modes)
         self.level = 2 * np.log2(np.clip(width, 0.5, max(shape)))
 
     @property
     def _modes(self) -> tuple[str, ...]:
+        """The boundary modes of scipy's filters for the two axes."""
         return tuple("wrap" if repeats else "constant" for repeats in self.periodic)
 
-    def _pixel_index(self, at: Array) -> Array:
-        """Return the flat index (n,) of the pixels at positions `at` (n, 2), in pixels; `size` beyond the margin."""
+    def _flat_index(self, at: Array) -> Array:
+        """Return the index (n,) in the flattened map of the pixels at positions `at` (n, 2), in units of pixels.
+
+        The map includes the margin. The index is `size` for positions outside the map.
+        """
         with np.errstate(invalid="ignore"):  # positions that are not finite count as outside
             cell = np.floor(at).astype(np.int64)
         inside = np.isfinite(at).all(axis=1)
@@ -152,8 +159,8 @@ class Plane:
         return np.where(inside, cell[:, 0] * self.padded[1] + cell[:, 1], self.size)
 
     def _deposit(self, weights: Array | None) -> Array:
-        """Return the sum of weights (None: the number) of the particles in each pixel, without smoothing."""
-        return np.bincount(self.flat, weights, self.size + 1)[: self.size]
+        """Return for each pixel the sum of the particles' `weights`, or the number of particles, without smoothing."""
+        return np.bincount(self.pixel_index, weights, self.size + 1)[: self.size]
 
     def sum(self, weights: Array) -> Array:
         from scipy.ndimage import gaussian_filter
@@ -175,30 +182,31 @@ class Plane:
         return self._without_margin(total)
 
     def _without_margin(self, image: Array) -> Array:
-        """Return a map without its margin."""
+        """Return the map `image` without its margin."""
         (i, j), (nx, ny) = self.margin, self.shape
         return image[i : i + nx, j : j + ny]
 
     def has_enough_mass(self, mass: Array) -> Array:
-        return mass / self.measure > range_of_mass(mass / self.measure)[0]
+        return mass / self.measure > density_range(mass / self.measure)[0]
 
 
 def blocks(count: int) -> Iterator[slice]:
-    """Yield slices of at most _BLOCK particles that cover `count` particles."""
+    """Yield slices of at most _BLOCK particles that together contain the particles 0 to `count` - 1."""
     yield from (slice(start, start + _BLOCK) for start in range(0, count, _BLOCK))
 
 
 def _gaussian_widths(counts: Array, occupied: Array, modes: tuple[str, ...]) -> Array:
-    """Return the standard deviation s, in pixels, of the Gaussians of particles in the pixels `occupied`.
+    """Return the standard deviation s, in pixels, of the Gaussians of the particles in the pixels `occupied`.
 
-    s is the solution of pi s^2 n = 12, where n is the number density averaged over the width s. This average is
-    computed by two successive box filters of side sqrt(6) s, which take the same time for any width. s is inf if the
-    map has too few particles. `counts` (nx, ny) are particle numbers, `occupied` flat indices.
+    s solves pi s^2 n = 12 with the number density n, averaged over the width s. The average is computed by two
+    successive box filters of side sqrt(6) s, which take the same time for any width. s is inf if the map has too few
+    particles. `counts` (nx, ny) is the number of particles in each pixel, and `occupied` are indices in the flattened
+    map. `modes` are the boundary modes of the filters.
     """
     from scipy.ndimage import uniform_filter
 
     image = counts.astype(float)
-    # A lone particle counts as pi / 6 particles, and so do all particles once the boxes contain them.
+    # In a box that contains all particles, the number below is pi / 6 times their number. A smaller number is wanted.
     wanted = min(NEIGHBOURS + 0.5, 0.45 * image.sum())
     width, found = np.full(len(occupied), np.inf), np.zeros(len(occupied), bool)
     before, side = np.full(len(occupied), np.nan), 1
@@ -220,9 +228,9 @@ def _gaussian_widths(counts: Array, occupied: Array, modes: tuple[str, ...]) -> 
 
 
 def gaussians(cell: Array, mass: Array, sigma: float, shape: tuple[int, ...]) -> Array:
-    """Return masses (n,) at pixels `cell` (n, 2) smoothed by a Gaussian, on a map that is not periodic.
+    """Return a map of `shape` pixels, not periodic, with the masses (n,) at pixels `cell` (n, 2) spread by a Gaussian.
 
-    Equal to `gaussian_filter` of scipy, but computed by direct sums, which are faster for few pixels.
+    The map is that of `gaussian_filter` of scipy, but computed by direct sums, which are faster for few pixels.
     """
     reach = int(CUTOFF * sigma + 0.5)
     norm = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2).sum()
@@ -233,10 +241,10 @@ def gaussians(cell: Array, mass: Array, sigma: float, shape: tuple[int, ...]) ->
     return (mass[:, None] * x).T @ y
 
 
-def range_of_mass(sigma: Array, decades: float = 3.5) -> tuple[float, float]:
-    """Return the lowest and highest surface density on the colour scale of a map.
+def density_range(sigma: Array, decades: float = 3.5) -> tuple[float, float]:
+    """Return the lowest and the highest surface density on the colour scale of a map with surface densities `sigma`.
 
-    Pixels in this range have about 99% of the mass. The range spans at most `decades`.
+    Pixels in this range have about 99% of the mass. The range has at most `decades` powers of ten.
     """
     seen = np.sort(sigma[sigma > 0])
     if not seen.size:
@@ -248,18 +256,21 @@ def range_of_mass(sigma: Array, decades: float = 3.5) -> tuple[float, float]:
     return max(low * max(0.5, (low / high) ** 0.25), high * 10**-decades), high
 
 
-def square_window(pos: Array, window: tuple[Array, Array], pixels: int, periodic: bool = False) -> Plane:
-    """Return square pixels over a window, `pixels` along its longer side.
+def square_pixels(pos: Array, window: tuple[Array, Array], pixels: int, periodic: bool = False) -> PixelBins:
+    """Return square pixels in a window (lower, upper corner) for particles at `pos` (n, 2).
 
-    With `periodic` the window must be the whole periodic box.
+    `pixels` is the number of pixels along the longer side. With `periodic` the window must be the whole periodic box.
     """
     side = np.subtract(window[1], window[0])
     nx, ny = (max(int(np.rint(pixels * length / max(side))), 1) for length in side)
-    return Plane(len(pos), lambda part: pos[part], window, (nx, ny), (periodic, periodic))
+    return PixelBins(len(pos), lambda part: pos[part], window, (nx, ny), (periodic, periodic))
 
 
-def polar_window(pos: Array, inner: float, outer: float, pixels: int) -> Plane:
-    """Return pixels [phi, r] between two radii: `pixels` along phi from -pi to pi, and half as many along r."""
+def polar_pixels(pos: Array, inner: float, outer: float, pixels: int) -> PixelBins:
+    """Return pixels [phi, r] between the radii `inner` and `outer` for particles at `pos` (n, 2).
+
+    The number of pixels is `pixels` along phi, from -pi to pi, and half as many along r.
+    """
 
     def polar(part: slice) -> Array:
         x, y = pos[part].T
@@ -269,4 +280,4 @@ def polar_window(pos: Array, inner: float, outer: float, pixels: int) -> Plane:
     edges = np.linspace(inner, outer, rings + 1)
     area = np.broadcast_to(np.pi * np.diff(edges**2) / pixels, (pixels, rings))
     window = np.array([-np.pi, inner]), np.array([np.pi, outer])
-    return Plane(len(pos), polar, window, (pixels, rings), (True, False), area)
+    return PixelBins(len(pos), polar, window, (pixels, rings), (True, False), area)

@@ -1,12 +1,13 @@
-"""Rows of companions.csv, the orbits of companions and the torques on them against time.
+"""Rows of companions.csv: the orbits of companions, and the torques on them, against time.
 
-The file has one row per companion and step, or per `companion.every`, in code units with angles in degrees. x, y,
-vx, vy are relative to the star, at the time of the row. semi_major_axis, eccentricity, pericentre (its longitude)
-and anomaly (true anomaly) describe the two-body orbit about the star with the companion's full mass.
+The file has one row per companion and step, or per companion and interval `companion.every`. Values are in code units,
+angles in degrees. x, y, vx, vy are relative to the star, at the time of the row. semi_major_axis, eccentricity,
+pericentre (its longitude) and anomaly (true anomaly) describe the two-body orbit about the star with the companion's
+full mass.
 
-During its ramp a companion attracts gas and dust with felt_mass, which is smaller than mass. Its torque about the
-star is felt_mass r x a, with the acceleration a by all gas or by all dust; it is given even if the companion does not
-react to gas and dust. star_x ... star_vy are in the frame of the run.
+During the ramp of its mass, a companion attracts gas and dust with felt_mass, which is smaller than mass. Its torque
+about the star is felt_mass r x a, with the acceleration a by all gas or by all dust; it is computed even if the
+companion does not react to gas and dust. star_x ... star_vy are in the frame of the run.
 """
 
 from __future__ import annotations
@@ -37,9 +38,9 @@ def has_companions(scene: Scene) -> bool:
 
 
 def companion_rows(state: State, dt: float) -> list[list[object]]:
-    """Return rows, with entries as in COLUMNS, for the companions that are due after a step of `dt`.
+    """Return the rows, with the entries COLUMNS, of the companions that are due after a step of length `dt`.
 
-    At step 0 all companions are due.
+    A companion is due after the steps in which a multiple of its `every` lies. At step 0 all companions are due.
     """
     bodies = state.bodies
     if bodies is None:
@@ -65,7 +66,10 @@ def companion_rows(state: State, dt: float) -> list[list[object]]:
 
 
 def _is_due(every: float | None, time: float, dt: float) -> bool:
-    """Return whether a multiple of `every` lies in the last step, which ends at `time`; True if `every` is None."""
+    """Return whether a multiple of `every` lies in the step of length `dt` that ends at `time`.
+
+    If `every` is None, every step counts.
+    """
     return every is None or bool(
         np.floor(time / every + TIME_TOLERANCE) > np.floor((time - dt) / every + TIME_TOLERANCE)
     )

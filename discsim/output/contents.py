@@ -1,4 +1,4 @@
-"""Entries of a snapshot that the state has no arrays for: the box, the kernel's support, derived quantities."""
+"""Entries of a snapshot that are not arrays of the state: the box, the kernel's support, derived quantities."""
 
 from __future__ import annotations
 
@@ -13,14 +13,13 @@ if TYPE_CHECKING:
     from discsim.numerics.bodies import Bodies
     from discsim.numerics.state import Dust, Gas, Particles
     from discsim.scene import Scene
-    from discsim.scene.units import Units
 
 Array = np.ndarray
 growth = Lazy("discsim.physics.growth")
 
 
 class Extent(NamedTuple):
-    """Corners (dimensions,) of the box around all particles of a run, and particle numbers by kind."""
+    """Corners (dimensions,) of the box of a snapshot, and the number of particles of each kind by name."""
 
     lower: Array
     upper: Array
@@ -28,7 +27,10 @@ class Extent(NamedTuple):
 
 
 def extent_of(scene: Scene, gas: Gas | None, dust: Dust | None, bodies: Bodies | None) -> Extent:
-    """Return the scene's box, enlarged to contain particles that have left it through an open boundary."""
+    """Return the extent of the scene's box, enlarged so that it contains all given particles.
+
+    Particles leave the scene's box through open boundaries.
+    """
     size = np.asarray(scene.space.size, dtype=float)
     lower = -size / 2 if scene.centred else np.zeros_like(size)
     upper = lower + size
@@ -40,13 +42,8 @@ def extent_of(scene: Scene, gas: Gas | None, dust: Dust | None, bodies: Bodies |
     return Extent(lower, upper, {name: particles.count for name, particles in present.items()})
 
 
-def unit_texts(units: Units) -> tuple[str, str, str]:
-    """Return three texts: the system of units, and the code units of length and mass."""
-    return units.system, units.length_text, units.mass_text
-
-
 def support_radius(scene: Scene) -> float:
-    """Return the radius of the kernel's support in units of h; 1 without gas."""
+    """Return the radius of the support of the gas kernel, in units of h; 1 without gas."""
     if scene.gas is None:
         return 1.0
     from discsim.kernels.sph.smoothing import KERNELS, SUPPORT
@@ -60,10 +57,10 @@ def present_kinds(gas: Gas | None, dust: Dust | None, bodies: Bodies | None) -> 
     return {name: particles for name, particles in kinds.items() if particles is not None}
 
 
-def into_box(pos: Array, lower: Array, upper: Array) -> Array:
-    """Return positions (n, 3) relative to the corner `lower`, in [0, BoxSize].
+def box_coordinates(pos: Array, lower: Array, upper: Array) -> Array:
+    """Return positions as coordinates (n, 3) relative to the corner `lower` of a box, from 0 to its sides.
 
-    Coordinates along axes that the run does not have are half the longest side.
+    `upper` is the opposite corner. Coordinates along axes that the run does not have are half the longest side.
     """
     side = upper - lower
     shifted = np.full((len(pos), 3), side.max() / 2)
@@ -72,7 +69,10 @@ def into_box(pos: Array, lower: Array, upper: Array) -> Array:
 
 
 def derived_arrays(scene: Scene, kind: str, particles: Any) -> dict[str, Array]:
-    """Return arrays of gas that the state lacks: the temperature, and u if there is no energy equation."""
+    """Return arrays that a snapshot has in addition to the state, by name; only gas has some.
+
+    They are the temperature, in physical units, and u if there is no energy equation.
+    """
     if kind != "gas" or scene.gas is None:
         return {}
     per_mass = particles.pressure / particles.density

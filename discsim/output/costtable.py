@@ -1,4 +1,4 @@
-"""Reading of costs.csv, a table of the CPU seconds of a run by effect (written by `run/costs.py`)."""
+"""Reading of costs.csv, the table with the CPU seconds of each effect in a run (`run/costs.py` writes it)."""
 
 from __future__ import annotations
 
@@ -11,14 +11,15 @@ from discsim.printable import UserError
 from discsim.userfiles import read_text
 
 COLUMNS = ("effect", "calls", "cpu_seconds", "share")
+REMEDY = "repair the file, or move it away"
 
 
 class CostsError(UserError):
-    """A damaged costs.csv; the message has the line."""
+    """A damaged costs.csv, or another file in its place; the message has the line."""
 
 
 class Cost(NamedTuple):
-    """A row of costs.csv: an effect, its calls and CPU seconds, and its fraction of the total CPU time."""
+    """A row of costs.csv: an effect, its number of calls, its CPU seconds, and its share of the total CPU time."""
 
     effect: str
     calls: int
@@ -31,9 +32,9 @@ def read_costs(path: Path) -> list[Cost]:
     try:
         lines = list(csv.reader(read_text(path).splitlines()))
     except (ValueError, csv.Error):  # no UTF-8, or a field without end
-        raise CostsError(f"{path}: not a table; expected the costs.csv of a run") from None
+        raise CostsError(f"{path}: not a table; expected the costs.csv of a run; {REMEDY}") from None
     if not lines or lines[0] != [*COLUMNS]:
-        raise CostsError(f"{path}:1: not the header of costs.csv; expected {','.join(COLUMNS)}")
+        raise CostsError(f"{path}:1: not the header of costs.csv; expected {','.join(COLUMNS)}; {REMEDY}")
     return [_cost(path, number, line) for number, line in enumerate(lines[1:], 2)]
 
 
@@ -45,5 +46,5 @@ def _cost(path: Path, number: int, line: list[str]) -> Cost:
     except ValueError:
         found = Cost("", 0, math.nan, math.nan)
     if not (math.isfinite(found.seconds) and math.isfinite(found.share)):
-        raise CostsError(f"{path}:{number}: not a row of costs.csv; expected {','.join(COLUMNS)}")
+        raise CostsError(f"{path}:{number}: not a row of costs.csv; expected {','.join(COLUMNS)}; {REMEDY}")
     return found

@@ -1,4 +1,4 @@
-"""Functions for all figures: maps with colour bar, star, companions and scale bar, and axes with units."""
+"""Code that all figures share: maps with colour bar, star, companions and scale bar, and axes with units."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from matplotlib.mathtext import MathTextParser
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter, NullLocator
 
-from discsim.output.bins import RINGS, range_of_mass
+from discsim.output.bins import RINGS, density_range
 from discsim.output.fields.base import UNIT_TEXT, Field
-from discsim.output.fields.values import Window, has_centre, in_rings
+from discsim.output.fields.values import Window, fields_in_rings, has_centre
 from discsim.parts import FIELDS
 from discsim.printable import printable
 
 if TYPE_CHECKING:
-    from discsim.output.fields.binned import Binned
+    from discsim.output.fields.binned import BinnedFields
     from discsim.output.snapshot import Snapshot
 
 Array = np.ndarray
@@ -31,20 +31,20 @@ Array = np.ndarray
 DOLLAR = re.compile(r"(?<!\\)\$")  # a dollar sign that begins or ends mathematics
 MAX_TEXT_WIDTH = 2000.0  # largest width in points of a line with mathematics; wider lines may exhaust the memory
 
-# Colours of Okabe & Ito (2008), which colour-blind readers can distinguish; line styles for print without colour.
+# Colours of Okabe & Ito (2008), which colour-blind readers can distinguish, and line styles for print without colour.
 COLOURS = {"gas": "#0072B2", "dust": "#D55E00", "small_dust": "#009E73"}
 STYLES = {"gas": "-", "dust": "-", "small_dust": "--"}
 PIXELS = 480
 PLAIN_RANGE = (1e-4, 1e5)  # range of numbers that are written without a power of ten
 
-# Layout in inches. Fixed positions of axes: matplotlib's automatic layout takes longer than drawing.
-LEFT, RIGHT, BELOW, TITLE = 0.85, 0.25, 0.55, 0.9  # space next to and below axes, and for titles
+# Layout in inches. Positions of axes are fixed, because matplotlib's automatic layout takes longer than drawing.
+LEFT, RIGHT, BELOW, TITLE = 0.85, 0.25, 0.55, 0.9  # space left of, right of and below axes, and for titles
 COLUMN, MAP, ROW = 5.8, 3.9, 2.9  # pitch of maps, side of a map, pitch of profiles
 BAR = (0.08, 0.2)  # distance and width of a colour bar
 
 
 def figure_text(text: str) -> str:
-    """Return a user's text for a figure; dollar signs are escaped if matplotlib cannot typeset them as mathematics."""
+    """Return a text from a user in printable form; dollar signs that are no mathematics for matplotlib are escaped."""
     line = printable(text)
     if not DOLLAR.search(line) or (len(DOLLAR.findall(line)) % 2 == 0 and _can_typeset(line)):
         return line
@@ -52,7 +52,7 @@ def figure_text(text: str) -> str:
 
 
 def _can_typeset(line: str) -> bool:
-    """Return whether matplotlib can typeset a line with mathematics in a reasonable size."""
+    """Return whether matplotlib can typeset a line with mathematics, and its size is below MAX_TEXT_WIDTH."""
     try:
         width, height, *_ = MathTextParser("path").parse(line)
     except Exception:  # matplotlib may raise anything for a user's text
@@ -60,32 +60,35 @@ def _can_typeset(line: str) -> bool:
     return max(width, height) < MAX_TEXT_WIDTH
 
 
-def in_units(snap: Snapshot, dimension: str) -> tuple[float, str]:
-    """Return, for a physical dimension, the factor from code units to the unit of axes, and that unit in brackets."""
+def axis_unit(snap: Snapshot, dimension: str) -> tuple[float, str]:
+    """Return the factor from code units to the unit of axes for a physical dimension, and this unit as " [au]".
+
+    The text is "" if the unit has no name, as in the code system.
+    """
     plain_field = Field("particles", "", np.asarray, dimension, "")
     unit = plain_field.shown_unit(snap.units)
     return plain_field.factor(snap.units), f" [{UNIT_TEXT.get(unit, unit)}]" if unit else ""
 
 
 def axes_at(figure: Figure, left: float, bottom: float, width: float, height: float) -> Axes:
-    """Return new axes at a fixed position; (left, bottom) is their lower left corner. All lengths are in inches."""
+    """Add axes to `figure`, and return them; (left, bottom) is their lower left corner. All lengths are in inches."""
     across, up = figure.get_size_inches()
     axes = figure.add_axes((left / across, bottom / up, width / across, height / up))
     axes.ticklabel_format(useOffset=False, scilimits=(-3, 4))  # keeps tick labels narrow
     return axes
 
 
-def norm_of(pictures: Iterable[Picture]) -> Normalize:
+def common_norm(pictures: Iterable[Picture]) -> Normalize:
     """Return one colour range for several pictures of a field.
 
-    For densities and intensities it is that of `range_of_mass`. For other fields it contains the values between the
-    quantiles 0.5% and 99.5%, and is symmetric about 0 if the field is signed.
+    For densities and intensities, `density_range` computes it. For other fields it spans the quantiles 0.5% to 99.5%
+    of the values, and is symmetric about 0 if the field is signed.
     """
     pictures = list(pictures)
     field, values = pictures[0].field, np.concatenate([picture.values.ravel() for picture in pictures])
     values = values[np.isfinite(values)]
     if field.kind == "density" or field.dimension == "intensity":
-        return LogNorm(*range_of_mass(values), clip=True)
+        return LogNorm(*density_range(values), clip=True)
     if field.scale == "log":
         values = values[values > 0]
     if not values.size:
@@ -101,16 +104,16 @@ def norm_of(pictures: Iterable[Picture]) -> Normalize:
     return Normalize(low - margin, high + margin, clip=True)
 
 
-Mark = tuple[float, float, bool]  # x and y in the units of axes, and whether the mark is the star
+Mark = tuple[float, float, bool]  # a body in a map: x and y in the units of axes, and True for the star
 
 
 @dataclass(frozen=True)
 class Picture:
-    """Values [y, x] of a field `name` to draw as a picture, in the units of axes.
+    """Values [y, x] of the field `name` to draw as a picture, in the unit of the colour bar.
 
-    `x` and `y` are the first and last edge, or all edges, of the pixels along each axis. `marks` are the positions of
-    star and companions. `scale` is the number of axis units per au (or per code unit of length) for a map in x and y,
-    and None if the axes have different units.
+    `x` and `y` are the first and last edge of the pixels along each axis, or all edges. `labels` are those of the
+    axes, and `marks` the positions of star and companions. `scale` is the number of axis units per au (or per code unit
+    of length) for a map in x and y, and None if the axes have different units.
     """
 
     snap: Snapshot
@@ -124,6 +127,7 @@ class Picture:
 
     @property
     def field(self) -> Field:
+        """The definition of the field."""
         found: Field = FIELDS[self.name]
         return found
 
@@ -133,21 +137,29 @@ class Picture:
         return self.field.text(self.snap.units)
 
 
-def map_picture(binned: Binned, name: str, window: Window, arcsec_per_au: float | None = None) -> Picture:
-    """Return the picture of a field on the pixels of a window; with `arcsec_per_au`, axes are in arcsec."""
+def map_picture(binned: BinnedFields, name: str, window: Window, arcsec_per_au: float | None = None) -> Picture:
+    """Return the picture of the field `name`, from fields on the pixels of a window.
+
+    With `arcsec_per_au` the axes are in arcsec.
+    """
     snap, field = binned.snap, FIELDS[name]
-    length, unit = in_units(snap, "length")
+    length, unit = axis_unit(snap, "length")
     length, unit = (length, unit) if arcsec_per_au is None else (length * arcsec_per_au, " [arcsec]")
     values = field.factor(snap.units) * binned[name].T
     x, y = (length * np.array([low, high]) for low, high in zip(*window, strict=True))
-    at = arcsec_per_au or 1.0
-    marks = [(at * mx, at * my, star) for mx, my, star in body_marks(snap)]
+    scale = arcsec_per_au or 1.0
+    marks = [(scale * mx, scale * my, star) for mx, my, star in body_marks(snap)]
     inside = [mark for mark in marks if x[0] <= mark[0] <= x[1] and y[0] <= mark[1] <= y[1]]
-    return Picture(snap, name, values, x, y, (f"x{unit}", f"y{unit}"), inside, at)
+    return Picture(snap, name, values, x, y, (f"x{unit}", f"y{unit}"), inside, scale)
 
 
-def draw(axes: Axes, picture: Picture, norm: Normalize, colours: str | None = None, bar: str | None = None) -> None:
-    """Draw a picture and its colour bar; `colours` is a colour map, `bar` a label, to replace those of the field."""
+def draw_picture(
+    axes: Axes, picture: Picture, norm: Normalize, colours: str | None = None, bar: str | None = None
+) -> None:
+    """Draw a picture and its colour bar on `axes`.
+
+    The colour map `colours` and the label `bar` of the colour bar are by default those of the field.
+    """
     values, x, y = picture.values, picture.x, picture.y
     if isinstance(norm, LogNorm) and picture.field.kind == "density" and bar is None:
         values = np.maximum(values, 1e-300)  # empty pixels get the lowest colour
@@ -163,62 +175,54 @@ def draw(axes: Axes, picture: Picture, norm: Normalize, colours: str | None = No
     for mark_x, mark_y, star in picture.marks:
         mark, size = ("*", 11) if star else ("o", 6)
         axes.plot(mark_x, mark_y, marker=mark, color="white", markeredgecolor="black", markersize=size)
-    colour_bar(axes, shown, picture.text if bar is None else bar)
+    draw_colour_bar(axes, shown, picture.text if bar is None else bar)
 
 
 def body_marks(snap: Snapshot) -> list[Mark]:
-    """Return the marks (x, y, is star) of star and companions, in the units of axes; [] if the run has no centre."""
+    """Return the marks of star and companions; [] if the run has no centre."""
     if not has_centre(snap):
         return []
     places = np.zeros((1, 2)) if snap.bodies is None else snap.bodies.pos
-    return [(float(x), float(y), number == 0) for number, (x, y) in enumerate(in_units(snap, "length")[0] * places)]
+    return [(float(x), float(y), number == 0) for number, (x, y) in enumerate(axis_unit(snap, "length")[0] * places)]
 
 
-def scale_bar(axes: Axes, picture: Picture) -> None:
-    """Draw a scale bar at the lower left of a map that is drawn; its length is round, and at most 25% of the side."""
+def draw_scale_bar(axes: Axes, picture: Picture) -> None:
+    """Draw a scale bar at the lower left of `axes` with a map; its length is round, and at most 25% of the side."""
     left, right = picture.x
-    side, unit = float(right - left), in_units(picture.snap, "length")[1].strip(" []")
+    side, unit = float(right - left), axis_unit(picture.snap, "length")[1].strip(" []")
     bar = round_number(0.25 * side / (picture.scale or 1.0))  # length in the disc, also if the axes are angles
     x, y, long = left + 0.05 * side, picture.y[0] + 0.05 * side, bar * (picture.scale or 1.0)
-    part = picture.values[: len(picture.values) // 8, : picture.values.shape[1] // 3]
-    under = axes.images[0].to_rgba(np.ma.masked_invalid(part[::8, ::8]))[..., :3]
-    light = np.where(np.isnan(part[::8, ::8]), 0.85, under.mean(axis=-1)).mean() > 0.5
-    colour, other = ("black", "white") if light else ("white", "black")
-    stroke = [withStroke(linewidth=1.5, foreground=other)]
-    axes.plot([x, x + long], [y, y], color=colour, lw=1.5, path_effects=stroke, solid_capstyle="butt")
-    axes.text(
-        x + 0.5 * long,
-        y + 0.015 * side,
-        f"{bar:g} {unit}".strip(),
-        color=colour,
-        ha="center",
-        va="bottom",
-        fontsize=9,
-        path_effects=stroke,
-    )
+    under = picture.values[: len(picture.values) // 8 : 8, : picture.values.shape[1] // 3 : 8]
+    rgb = axes.images[0].to_rgba(np.ma.masked_invalid(under))[..., :3]
+    is_light = np.where(np.isnan(under), 0.85, rgb.mean(axis=-1)).mean() > 0.5
+    colour, other = ("black", "white") if is_light else ("white", "black")
+    style: dict[str, Any] = {"color": colour, "path_effects": [withStroke(linewidth=1.5, foreground=other)]}
+    axes.plot([x, x + long], [y, y], lw=1.5, solid_capstyle="butt", **style)
+    text = f"{bar:g} {unit}".strip()
+    axes.text(x + 0.5 * long, y + 0.015 * side, text, ha="center", va="bottom", fontsize=9, **style)
 
 
 def round_number(most: float) -> float:
-    """Return the largest number of the series ..., 0.5, 1, 2, 5, 10, ... that is at most `most`."""
+    """Return the largest number not above `most` in the series ..., 0.5, 1, 2, 5, 10, ..."""
     power = 10.0 ** np.floor(np.log10(most))
     return float(power * max(n for n in (1.0, 2.0, 5.0) if n * power <= most * (1.0 + 1e-9)))
 
 
-def colour_bar(axes: Axes, image: Any, label: str) -> None:
+def draw_colour_bar(axes: Axes, image: Any, label: str) -> None:
     """Draw the colour bar of an image to the right of its axes."""
     bar_axes = axes.inset_axes((1.0 + BAR[0] / MAP, 0.0, BAR[1] / MAP, 1.0))
     figure = axes.figure
     assert isinstance(figure, Figure)
     figure.colorbar(image, cax=bar_axes, label=label)
     if isinstance(image.norm, LogNorm):
-        log_ticks(bar_axes.yaxis, image.norm.vmin, image.norm.vmax)
+        set_log_ticks(bar_axes.yaxis, image.norm.vmin, image.norm.vmax)
 
 
-def log_ticks(axis: Axis, low: float | None, high: float | None) -> None:
-    """Label the ticks of a logarithmic axis with plain numbers, if all of them are short without a power of ten.
+def set_log_ticks(axis: Axis, low: float | None, high: float | None) -> None:
+    """Label the ticks of a logarithmic axis from `low` to `high` with plain numbers, if these are short.
 
-    matplotlib takes longer to typeset powers of ten than to draw the lines. An axis over two decades or less gets
-    ticks at 1, 2 and 5 times powers of ten, or evenly spaced ticks over less than a factor of 4.
+    matplotlib takes longer to typeset powers of ten than to draw the lines. An axis over at most two decades gets ticks
+    at 1, 2 and 5 times powers of ten; over at most a factor of 4 it gets evenly spaced ticks.
     """
     if not low or not high or not (high <= 100.0 * low or PLAIN_RANGE[0] <= low < high < PLAIN_RANGE[1]):
         return
@@ -226,11 +230,10 @@ def log_ticks(axis: Axis, low: float | None, high: float | None) -> None:
         axis.set_minor_locator(LogLocator(subs=[2.0, 5.0]))
         axis.set_minor_formatter(NullFormatter())
     else:
-        axis.set_major_locator(
-            LogLocator(subs=[1.0, 2.0, 5.0]) if high > 4.0 * low else MaxNLocator(6, steps=[1, 2, 5, 10])
-        )
+        is_wide = high > 4.0 * low
+        axis.set_major_locator(LogLocator(subs=[1.0, 2.0, 5.0]) if is_wide else MaxNLocator(6, steps=[1, 2, 5, 10]))
         axis.set_minor_locator(NullLocator())
-    axis.set_major_formatter(FuncFormatter(lambda value, place: number_text(value)))
+    axis.set_major_formatter(FuncFormatter(lambda value, index: number_text(value)))
 
 
 def number_text(value: float) -> str:
@@ -242,17 +245,17 @@ def number_text(value: float) -> str:
 
 
 def points_1d(snap: Snapshot, name: str) -> tuple[Array, Array]:
-    """Return positions (n,) and values (n,) of a field in 1D, in the units of axes.
+    """Return positions (n,) and values (n,) of the field `name` of a 1D snapshot, in the units of axes.
 
-    They are those of particles; for fields computed from other fields, those of bins. The density of a species is the
-    stored one if there is one. Other densities are the mass between the fourth neighbours on either side of a
-    particle, over their distance.
+    The points are particles, or bins for a field that is computed from other fields. The density of a species is read
+    from the snapshot if it is stored. Other densities are the mass between the fourth neighbours on both sides of a
+    particle, divided by the distance between these neighbours.
     """
     field = FIELDS[name]
-    length, factor = in_units(snap, "length")[0], field.factor(snap.units)
+    length, factor = axis_unit(snap, "length")[0], field.factor(snap.units)
     if field.kind == "places":
         edges = np.linspace(snap.lower[0], snap.upper[0], RINGS + 1)
-        return length * 0.5 * (edges[1:] + edges[:-1]), factor * in_rings(snap, edges)[name]
+        return length * 0.5 * (edges[1:] + edges[:-1]), factor * fields_in_rings(snap, edges)[name]
     p, values = snap.species[field.species], field.values(snap)
     x = p.pos[:, 0]
     if field.kind == "particles":

@@ -1,7 +1,7 @@
-"""The figure of the last snapshot that `discsim run` writes.
+"""The figure `last_state.png`, which `discsim run` draws of the last snapshot.
 
-In 2D it has maps, and radial profiles if the scene has a centre; in 1D density and velocity against x. Exact
-solutions are drawn as lines.
+In 2D the figure has maps, and radial profiles if the scene has a centre. In 1D it has density and velocity against x.
+Exact solutions are drawn as lines.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from discsim.initial.base import Curve
 from discsim.output.bins import RINGS
 from discsim.output.drawing import (
     BELOW,
@@ -29,16 +28,16 @@ from discsim.output.drawing import (
     STYLES,
     TITLE,
     axes_at,
-    draw,
+    axis_unit,
+    common_norm,
+    draw_picture,
     figure_text,
-    in_units,
-    log_ticks,
     map_picture,
-    norm_of,
     points_1d,
+    set_log_ticks,
 )
-from discsim.output.fields.binned import Binned
-from discsim.output.fields.values import Window, centred, default_window, on_pixels, smooth_profile, start_of
+from discsim.output.fields.binned import BinnedFields
+from discsim.output.fields.values import Window, default_window, fields_on_pixels, is_centred, smooth_profile, start_of
 from discsim.output.snapshot import Snapshot, read_snapshot
 from discsim.scene import load_scene
 from discsim.version import __version__
@@ -47,89 +46,68 @@ Array = np.ndarray
 
 
 def last_state_figure(snapshot_path: str | os.PathLike[str], out_png: str | os.PathLike[str]) -> None:
-    """Draw the snapshot at `snapshot_path` to the PNG file `out_png`. Raises SnapshotError, OSError."""
+    """Draw the snapshot in the file `snapshot_path` to the PNG file `out_png`. Raises SnapshotError, OSError."""
     snap = read_snapshot(snapshot_path).about_centre()
     figure = _figure_1d(snap) if snap.dimensions == 1 else _figure_2d(snap)
-    figure.suptitle(_title(snap))
-    FigureCanvasAgg(figure)
-    # Little compression: full compression takes as long as drawing.
-    little = {"compress_level": 1}
-    made = {"Software": f"discsim {__version__}", "Comment": snap.command, "Description": snap.scene_text}
-    figure.savefig(Path(out_png), dpi=130, metadata=made, pil_kwargs=little)
-
-
-def _title(snap: Snapshot) -> str:
     time = f"t = {snap.units.show_time(snap.time)}"
-    return f"{figure_text(snap.title)}\n{time}" if snap.title else time
-
-
-def _velocity_component(snap: Snapshot) -> str | None:
-    """Return the velocity component, such as "azimuthal", to draw against the distance from the middle of the box.
-
-    None if the start of the run defines none, because the middle of the box is not its centre.
-    """
-    start = start_of(snap)
-    return start.figure_velocity if start is not None else None
-
-
-def _exact_curves(snap: Snapshot, x: Array) -> dict[str, Curve]:
-    """Return exact curves (position, density, velocity) by species, for x (n,); {} without an exact solution."""
-    start = start_of(snap)
-    return start.exact_curves(load_scene(snap.tables), snap.time, x) if start is not None and start.exact_curves else {}
+    figure.suptitle(f"{figure_text(snap.title)}\n{time}" if snap.title else time)
+    FigureCanvasAgg(figure)
+    low_compression = {"compress_level": 1}  # full compression takes as long as drawing
+    origin = {"Software": f"discsim {__version__}", "Comment": snap.command, "Description": snap.scene_text}
+    figure.savefig(Path(out_png), dpi=130, metadata=origin, pil_kwargs=low_compression)
 
 
 def _figure_2d(snap: Snapshot) -> Figure:
     """Return the figure of a 2D snapshot: maps, and below them profiles."""
     kinds, grains = snap.species, _grain_fields(snap)
-    around = _velocity_component(snap)
-    below = 2 if around else int(centred(snap))
-    # Colour bars of less than a decade have wide labels.
-    width, rows = COLUMN * max(len(kinds), len(grains)) + (0.6 if grains else 0.2), ROW * below
+    component = getattr(start_of(snap), "figure_velocity", None)  # of the velocity to draw, if the start gives one
+    rows = ROW * (2 if component else int(is_centred(snap)))  # space for profiles
     lower = BELOW + MAP + 0.4 if grains else 0.0  # space for the maps of grains
+    width = COLUMN * max(len(kinds), len(grains)) + (0.6 if grains else 0.2)  # labels of less than a decade are wide
     figure = Figure(figsize=(width, rows + lower + BELOW + MAP + TITLE))
     window = default_window(snap)
-    binned = on_pixels(snap, window, PIXELS)
+    binned = fields_on_pixels(snap, window, PIXELS)
     for column, kind in enumerate(kinds):
         axes = axes_at(figure, COLUMN * column + LEFT, rows + lower + BELOW, MAP, MAP)
         _draw_map(axes, binned, f"{kind}.surface_density", window)
         axes.set_title(kind, y=1.0)  # fixed position: matplotlib's search for space takes longer than drawing
     for column, name in enumerate(grains):
         _draw_map(axes_at(figure, COLUMN * column + LEFT, rows + BELOW, MAP, MAP), binned, name, window)
-    if around:
-        _draw_radial(_row_axes(figure, 1), _row_axes(figure, 0), snap, around == "azimuthal")
-    elif centred(snap):
+    if component:
+        _draw_radial(_row_axes(figure, 1), _row_axes(figure, 0), snap, component)
+    elif is_centred(snap):
         _draw_profile(_row_axes(figure, 0), snap, window[1][0] / 1.1)
     return figure
 
 
 def _grain_fields(snap: Snapshot) -> list[str]:
-    """Return the names of the fields of grains to map; [] unless grains have individual sizes and some mass."""
+    """Return the fields of grains to draw as maps; [] unless grains have individual sizes, and some of them mass."""
     dust = snap.dust
     if dust is None or dust.size is None or not (dust.mass > 0).any():
         return []
     return [f"dust.{name}" for name in ("size", "stokes") if getattr(dust, name) is not None]
 
 
-def _draw_map(axes: Axes, binned: Binned, name: str, window: Window) -> None:
+def _draw_map(axes: Axes, binned: BinnedFields, name: str, window: Window) -> None:
     picture = map_picture(binned, name, window)
-    draw(axes, picture, norm_of([picture]))
+    draw_picture(axes, picture, common_norm([picture]))
 
 
 def _row_axes(figure: Figure, number: int) -> Axes:
-    """Return axes for a profile as wide as the figure, in row `number` from below."""
+    """Add axes for a profile, as wide as the figure, in row `number` from below; return them."""
     wide = figure.get_size_inches()[0] - LEFT - RIGHT
     return axes_at(figure, LEFT, ROW * number + BELOW, wide, ROW - BELOW - 0.1)
 
 
 def _draw_profile(axes: Axes, snap: Snapshot, outer: float) -> None:
     """Draw the surface density of each species against radius, up to the radius `outer`."""
-    length, length_unit = in_units(snap, "length")
-    density, density_unit = in_units(snap, "density")
+    length, length_unit = axis_unit(snap, "length")
+    density, density_unit = axis_unit(snap, "density")
     edges, binned = smooth_profile(snap, (0.0, outer))
     radius = (edges[1:] + edges[:-1]) / 2 * length
-    peaks, grows = [], snap.gas is not None and snap.gas.small is not None
-    names = {"dust": "grown dust" if grows else "dust", "small_dust": "small dust"}
-    for kind in (*snap.species, *(("small_dust",) if grows else ())):
+    peaks, has_small = [], snap.gas is not None and snap.gas.small is not None
+    names = {"dust": "grown dust" if has_small else "dust", "small_dust": "small dust"}
+    for kind in (*snap.species, *(("small_dust",) if has_small else ())):
         sigma = density * binned[f"{kind}.surface_density"]
         peaks += [sigma.max()] if kind in snap.species else []
         curve = np.where(sigma > 0, sigma, np.nan)
@@ -138,20 +116,20 @@ def _draw_profile(axes: Axes, snap: Snapshot, outer: float) -> None:
     if min(peaks) > 0:
         axes.set_yscale("log")
         axes.set_ylim(bottom=max(axes.get_ylim()[0], 1e-3 * min(peaks)))  # a lone particle must not determine the scale
-        log_ticks(axes.yaxis, *axes.get_ylim())
+        set_log_ticks(axes.yaxis, *axes.get_ylim())
     axes.grid(alpha=0.3)
     axes.legend(frameon=False)
 
 
-def _draw_radial(above: Axes, below: Axes, snap: Snapshot, turns: bool) -> None:
-    """Draw density (`above`) and velocity (`below`) against the distance from the middle, with the exact solution.
+def _draw_radial(above: Axes, below: Axes, snap: Snapshot, component: str) -> None:
+    """Draw density and velocity against the distance from the middle of the box, with the exact solution.
 
-    The velocity is the azimuthal component if `turns`, else the radial component.
+    The density is drawn on the axes `above`, the velocity on the axes `below`. `component` is "azimuthal" or "radial".
     """
     scene: Any = load_scene(snap.tables)
-    length, length_unit = in_units(snap, "length")
-    density, density_unit = in_units(snap, "density")
-    velocity, velocity_unit = in_units(snap, "velocity")
+    length, length_unit = axis_unit(snap, "length")
+    density, density_unit = axis_unit(snap, "density")
+    velocity, velocity_unit = axis_unit(snap, "velocity")
     middle, outer = (snap.lower + snap.upper) / 2, (snap.upper - snap.lower).min() / 2
     boost = np.array(getattr(scene.initial, "velocity", (0.0, 0.0)))
     for kind, particles in snap.species.items():
@@ -164,25 +142,32 @@ def _draw_radial(above: Axes, below: Axes, snap: Snapshot, turns: bool) -> None:
         mass, _ = np.histogram(r, edges, weights=particles.mass)
         rings = np.pi * (edges[1:] ** 2 - edges[:-1] ** 2)
         above.stairs(density * mass / rings, length * edges, color=COLOURS[kind], label=kind)
-        across = away[:, 0] * vel[:, 1] - away[:, 1] * vel[:, 0] if turns else (away * vel).sum(axis=1)
-        below.plot(length * r, velocity * across / r, ".", ms=1, alpha=0.4, color=COLOURS[kind])
-    x = np.linspace(0, outer, 1000)
-    _draw_exact(above, below, snap, x)
+        along = (away * vel).sum(axis=1)
+        if component == "azimuthal":
+            along = away[:, 0] * vel[:, 1] - away[:, 1] * vel[:, 0]
+        below.plot(length * r, velocity * along / r, ".", ms=1, alpha=0.4, color=COLOURS[kind])
+    _draw_exact(above, below, snap, np.linspace(0, outer, 1000))
     above.set(ylabel=rf"$\langle\Sigma\rangle${density_unit}", xlim=(0, outer * length), ylim=(0, None))
-    name = "azimuthal" if turns else "radial"
-    below.set(xlabel=f"r{length_unit}", ylabel=f"{name} velocity{velocity_unit}", xlim=(0, outer * length))
-    for axes in (above, below):
-        axes.grid(alpha=0.3)
-    above.legend(frameon=False)
+    below.set(xlabel=f"r{length_unit}", ylabel=f"{component} velocity{velocity_unit}", xlim=(0, outer * length))
 
 
 def _draw_exact(above: Axes, below: Axes, snap: Snapshot, x: Array) -> None:
-    """Draw exact densities and velocities at positions or distances x (n,)."""
-    length, density, velocity = (in_units(snap, name)[0] for name in ("length", "density", "velocity"))
-    for kind, (at, rho, v) in _exact_curves(snap, x).items():
+    """Draw the exact solution of a run, if there is one, at positions or distances `x` (n,), and a grid and a legend.
+
+    Densities are drawn on the axes `above`, velocities on the axes `below`.
+    """
+    length, density, velocity = (axis_unit(snap, name)[0] for name in ("length", "density", "velocity"))
+    start = start_of(snap)
+    found = (
+        start.exact_curves(load_scene(snap.tables), snap.time, x) if start is not None and start.exact_curves else {}
+    )
+    for kind, (at, rho, v) in found.items():
         style: dict[str, Any] = {"color": "black", "lw": 0.8, "ls": {"gas": "-", "dust": "--"}[kind]}
         above.plot(length * at, density * rho, label=f"{kind}, exact", **style)
         below.plot(length * at, velocity * v, **style)
+    for axes in (above, below):
+        axes.grid(alpha=0.3)
+    above.legend(frameon=False)
 
 
 def _figure_1d(snap: Snapshot) -> Figure:
@@ -193,7 +178,7 @@ def _figure_1d(snap: Snapshot) -> Figure:
     above = axes_at(figure, LEFT, BELOW + height, 8.0 - LEFT - RIGHT, height)
     above.sharex(below)
     above.tick_params(labelbottom=False)
-    length, length_unit = in_units(snap, "length")
+    length, length_unit = axis_unit(snap, "length")
     ends = []
     for kind, particles in snap.species.items():
         mobile = particles.immobile is None or ~particles.immobile
@@ -201,10 +186,7 @@ def _figure_1d(snap: Snapshot) -> Figure:
         for axes, name in ((above, "surface_density"), (below, "v_x")):
             axes.plot(*points_1d(snap, f"{kind}.{name}"), ".", ms=3, color=COLOURS[kind], label=kind)
     _draw_exact(above, below, snap, np.linspace(snap.lower[0], snap.upper[0], 1000))
-    above.set(ylabel=rf"$\rho${in_units(snap, 'density')[1]}")
-    below.set(xlabel=f"x{length_unit}", ylabel=f"velocity{in_units(snap, 'velocity')[1]}")
+    above.set(ylabel=rf"$\rho${axis_unit(snap, 'density')[1]}")
+    below.set(xlabel=f"x{length_unit}", ylabel=f"velocity{axis_unit(snap, 'velocity')[1]}")
     above.set_xlim(min(ends), max(ends))  # excludes the walls of immobile particles
-    for axes in (above, below):
-        axes.grid(alpha=0.3)
-    above.legend(frameon=False)
     return figure

@@ -2,8 +2,8 @@
 
 The content is synchronised to disk before the file is renamed, and the directory after the renaming.
 
-Only plain files are replaced or appended to. Directories, FIFOs, devices and symbolic links raise OSError: discsim
-did not create them, and writing through a link could replace a file elsewhere.
+Only plain files are replaced or appended to. For directories, FIFOs, devices and symbolic links, functions raise
+OSError: discsim did not create them, and writing through a link could replace a file elsewhere.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from typing import Any
 
 from discsim.userfiles import kind_of
 
-PARTS = "parts"  # name of the folder for parts of snapshots and checkpoints (`output/parts.py`)
-MAIN = Path(__file__).parents[1] / "__main__.py"  # what `python -m discsim` runs
+PARTS = "parts"  # name of the folder with the parts of snapshots and checkpoints (`output/parts.py`)
+MAIN = Path(__file__).parents[1] / "__main__.py"  # the program that `python -m discsim` runs
 
 
 def refuse_special(path: str | os.PathLike[str]) -> None:
-    """Raise OSError if `path` exists but is no plain file."""
+    """Raise OSError if `path` exists but is not a plain file."""
     with suppress(FileNotFoundError):
         mode = os.lstat(path).st_mode
         if not stat.S_ISREG(mode):
@@ -34,22 +34,23 @@ def refuse_special(path: str | os.PathLike[str]) -> None:
 
 
 @contextmanager
-def replace_atomically(path: str | os.PathLike[str], ending: str = "", before: Path | None = None) -> Iterator[Path]:
-    """Yield a temporary path to write to; rename it to `path` when the block ends without an exception.
+def replace_atomically(path: str | os.PathLike[str], ending: str = "", backup: Path | None = None) -> Iterator[Path]:
+    """Yield a temporary path, where the block writes a file; rename the file to `path` at the end of the block.
 
-    `ending` is the suffix of the temporary name, for libraries that choose a format by the suffix. An existing file
-    at `path` is replaced, or renamed to `before`. Raises OSError if `path` or `before` exists but is no plain file.
+    After an exception the temporary file is removed instead. `ending` is the suffix of the temporary path, for
+    libraries that choose a format by the suffix. An existing file at `path` is replaced, or with `backup` renamed to
+    `backup`. Raises OSError if `path` or `backup` exists but is not a plain file.
     """
     path = Path(path)
-    for target in (path, *([before] if before is not None else [])):
+    for target in (path, *([backup] if backup is not None else [])):
         refuse_special(target)
     temporary = path.with_name(f".{path.name}.{os.getpid()}.part{ending}")
     try:
         yield temporary
-        keep(temporary)  # otherwise a power cut could leave an empty file
+        fsync_file(temporary)  # otherwise a power cut could leave an empty file
         refuse_special(path)
-        if before is not None and path.exists():
-            os.replace(path, before)
+        if backup is not None and path.exists():
+            os.replace(path, backup)
         os.replace(temporary, path)
     except BaseException:
         with suppress(OSError):  # the first error is the one to report
@@ -58,25 +59,25 @@ def replace_atomically(path: str | os.PathLike[str], ending: str = "", before: P
     fsync_directory(path.parent)
 
 
-def appended(path: str | os.PathLike[str], buffering: int = -1) -> Any:
+def open_to_append(path: str | os.PathLike[str], buffering: int = -1) -> Any:
     """Open a plain file for appending bytes. Raises OSError for any other kind of file."""
     refuse_special(path)
     return Path(path).open("ab", buffering)
 
 
-def renamed(old: Path, new: Path) -> None:
-    """Rename the file `old` to `new`, replacing `new`."""
+def rename_file(old: Path, new: Path) -> None:
+    """Rename the file `old` to `new`, and synchronise the folder of `new` to disk. A file at `new` is replaced."""
     os.replace(old, new)
     fsync_directory(new.parent)
 
 
 def fsync_directory(directory: Path) -> None:
-    """Synchronise a directory to disk, if its file system supports that."""
+    """Synchronise the entries of a directory to disk, if the file system supports this."""
     with suppress(OSError):
-        keep(directory)
+        fsync_file(directory)
 
 
-def keep(path: Path) -> None:
+def fsync_file(path: Path) -> None:
     """Synchronise the content of a file to disk."""
     file = os.open(path, os.O_RDONLY)
     try:
@@ -85,8 +86,8 @@ def keep(path: Path) -> None:
         os.close(file)
 
 
-def command() -> str:
-    """Return the command line of this process, quoted for a shell, with the program as "discsim"."""
+def command_line() -> str:
+    """Return the command line of this process, quoted for a shell; discsim's own program is called "discsim"."""
     program, *arguments = sys.argv or [""]
-    ours = Path(program).name == "discsim" or Path(program) == MAIN
-    return shlex.join(["discsim" if ours else program, *arguments])
+    is_discsim = Path(program).name == "discsim" or Path(program) == MAIN
+    return shlex.join(["discsim" if is_discsim else program, *arguments])

@@ -1,8 +1,10 @@
 """Writing of HDF5 files atomically and with checksums, and checked reading of HDF5 files of unknown origin.
 
-A file is complete or absent, and is compared with the data after writing. Arrays have a fletcher32 checksum; the
-format of HDF5 1.10 has checksums for everything else (attributes, indices). A master file has no particle rows of
-its own: virtual datasets refer to rows in other files, its parts (`parts.py`).
+A file is complete or absent. After writing, the file on disk is compared with the data in memory. Arrays have a
+fletcher32 checksum; the format of HDF5 1.10 has checksums for everything else (attributes, indices).
+
+A large snapshot or checkpoint may consist of several files (`parts.py`): the parts have the rows of particles, and the
+master file has virtual datasets that refer to these rows.
 """
 
 from __future__ import annotations
@@ -22,7 +24,7 @@ import numpy as np
 
 from discsim.numerics.entries import EntryError
 from discsim.output import files
-from discsim.output.files import command, replace_atomically
+from discsim.output.files import command_line, replace_atomically
 from discsim.printable import printable
 from discsim.scene.units import clipped
 from discsim.userfiles import open_plain
@@ -31,36 +33,38 @@ from discsim.version import __version__
 _CHUNK = 1 << 16  # rows per chunk; HDF5 reads and checks whole chunks
 _BLOCK = 1 << 24  # bytes per block when a file is verified
 ALL = slice(None)
-_DIGEST_MARK = b"\ndiscsim: sha256 of all before this line "  # precedes the digest, at the end; HDF5 ignores both
-UNCOMPRESSED = {h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32}
+# A digest and, before it, this mark may stand at the end of a file; HDF5 ignores both.
+_DIGEST_MARK = b"\ndiscsim: sha256 of all before this line "
+SIZE_KEEPING_FILTERS = {h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32}
 MAX_COMPRESSION = 1100  # largest accepted compression ratio; the deflate algorithm reaches 1032
 LARGEST_CHUNK, LARGEST_ATTRIBUTE = 1 << 24, 1 << 20  # bytes
 MAX_SPARSENESS = 1000  # largest accepted ratio of a file's size to its space on disk, against sparse files
-PART_NAMES, FILE_ID = "parts", "made"  # attributes: names of a master's parts; unique text in a master and its parts
+PART_NAMES = "parts"  # attribute of a master: names of its parts
+FILE_ID = "made"  # attribute of a master and its parts: a text that no other file has
 
 
 @contextmanager
-def create(path: str | os.PathLike[str], before: Path | None = None) -> Iterator[h5py.File]:
+def create(path: str | os.PathLike[str], backup: Path | None = None) -> Iterator[h5py.File]:
     """Yield a new file in memory; when the block ends without an exception, write it to `path`.
 
     HDF5 may crash on a full disk, so it does not write to the disk itself. An existing file at `path` is replaced,
-    or renamed to `before`; after an exception it is unchanged. Raises OSError if writing fails, or if the bytes on
-    disk differ from those written.
+    or with `backup` renamed to `backup`; after an exception it is unchanged. Raises OSError if writing fails, or if
+    the bytes on disk differ from the data.
     """
     content = io.BytesIO()
-    with new(content) as file:
+    with new_in_memory(content) as file:
         yield file
-    write_verified(path, content, before)
+    write_verified(path, content, backup)
 
 
-def new(content: io.BytesIO) -> h5py.File:
-    """Return an empty HDF5 file in memory."""
+def new_in_memory(content: io.BytesIO) -> h5py.File:
+    """Return a new HDF5 file whose bytes are stored in `content`."""
     return h5py.File(content, "w", libver=("v110", "v110"))
 
 
-def write_verified(path: str | os.PathLike[str], content: io.BytesIO, before: Path | None = None) -> None:
-    """Write a file built in memory to `path`, with the guarantees of `create`."""
-    with replace_atomically(path, before=before) as temporary:
+def write_verified(path: str | os.PathLike[str], content: io.BytesIO, backup: Path | None = None) -> None:
+    """Write the bytes in `content` to `path`, atomically and verified; `backup` and errors are as in `create`."""
+    with replace_atomically(path, backup=backup) as temporary:
         with temporary.open("wb") as plain:
             plain.write(content.getbuffer())
             plain.flush()
@@ -70,7 +74,7 @@ def write_verified(path: str | os.PathLike[str], content: io.BytesIO, before: Pa
 
 
 def append_digest(content: io.BytesIO) -> None:
-    """Append its SHA-256 digest to a file in memory.
+    """Append to the bytes in `content` their SHA-256 digest, which `open_checked` checks.
 
     HDF5 has no checksum for the file names in virtual datasets, and may crash on a bit error in them.
     """
@@ -80,7 +84,7 @@ def append_digest(content: io.BytesIO) -> None:
 
 
 def _check_digest(file: IO[bytes]) -> None:
-    """Raise OSError if a file has a digest at its end that does not match its content."""
+    """Raise OSError if there is a digest at the end of a file, and it does not match the content of the file."""
     length = file.seek(0, os.SEEK_END) - len(_DIGEST_MARK) - hashlib.sha256().digest_size
     file.seek(max(length, 0))
     if file.read(len(_DIGEST_MARK)) != _DIGEST_MARK:
@@ -88,11 +92,11 @@ def _check_digest(file: IO[bytes]) -> None:
     digest = file.read()
     file.seek(0)
     if hashlib.sha256(file.read(length)).digest() != digest:
-        raise OSError("its checksum is wrong")
+        raise OSError("its checksum is wrong; expected the file as it was written")
 
 
 def _has_bytes(path: Path, content: np.ndarray) -> bool:
-    """Return whether the file at `path` has the bytes `content`, read from disk instead of the cache if possible."""
+    """Return whether the file at `path` has the bytes `content`. If possible, it is read from disk, not from memory."""
     position = 0
     with path.open("rb") as file:
         if hasattr(os, "posix_fadvise"):
@@ -105,10 +109,11 @@ def _has_bytes(path: Path, content: np.ndarray) -> bool:
 
 
 class CheckedDataset:
-    """A dataset of unknown origin, checked: numbers or truth values, with rows in this file or in the file's parts.
+    """A dataset of numbers or truth values in a file of unknown origin; its type, shape and size are checked.
 
-    `kinds` are the allowed dtype kinds of numpy, `row_shape` is the shape of a row (None: any shape). Raises EntryError
-    for another type or shape, external storage, chunks that are too large, or rows that do not fit the file's size.
+    Its rows are in the file itself or in the file's parts. `kinds` are the allowed dtype kinds of numpy, `row_shape` is
+    the shape of a row (None: any shape). Raises EntryError for another type or shape, for rows in another file, for
+    chunks that are too large, or if the dataset declares more rows than the file can contain.
     """
 
     def __init__(self, stored: h5py.Dataset, name: str, kinds: str, row_shape: tuple[int, ...] | None) -> None:
@@ -135,23 +140,23 @@ class CheckedDataset:
         stored, size = self._stored, math.prod(self.shape) * self.dtype.itemsize
         creation, stored_size = stored.id.get_create_plist(), stored.id.get_storage_size()
         filters = {creation.get_filter(number)[0] for number in range(creation.get_nfilters())}
-        limit = stored_size if filters <= UNCOMPRESSED else MAX_COMPRESSION * stored_size
+        limit = stored_size if filters <= SIZE_KEEPING_FILTERS else MAX_COMPRESSION * stored_size
         if size > limit or stored_size > Path(stored.file.filename).stat().st_size:
             raise EntryError(
                 f"{self.name} declares {len(self)} rows, {size} bytes, but the stored data has {stored_size} bytes; "
                 "expected the same size"
             )
         if stored.chunks and math.prod(stored.chunks) * self.dtype.itemsize > max(size, LARGEST_CHUNK):
-            raise EntryError(f"{self.name} has chunks of shape {stored.chunks}; expected smaller ones")
+            raise EntryError(f"{self.name} has chunks of shape {stored.chunks}; expected smaller chunks")
 
     def text(self, name: str) -> str:
         """Return an attribute as text."""
-        return decoded(attribute_of(self._stored, name), f"{self.name}@{name}")
+        return decode_text(attribute_of(self._stored, name), f"{self.name}@{name}")
 
     def read(self, rows: slice = ALL) -> np.ndarray:
-        """Return rows in native byte order.
+        """Return the selected rows in native byte order. Raises EntryError or OSError if they cannot be read.
 
-        Rows of virtual datasets are read from the parts directly: HDF5 returns zeros for a lost part.
+        Rows of virtual datasets are read from the parts directly, because HDF5 returns zeros for a missing part.
         """
         out = self._read_from_parts(rows) if self._stored.is_virtual else np.asarray(self._stored[rows])
         if out.dtype.kind == "b" and out.size and out.view(np.uint8).max() > 1:
@@ -159,14 +164,15 @@ class CheckedDataset:
         return out.astype(out.dtype.newbyteorder("="), copy=False)
 
     def _read_from_parts(self, rows: slice) -> np.ndarray:
-        """Return rows of a virtual dataset from the files of its parts. Raises EntryError."""
+        """Return rows of a virtual dataset from the files of its parts. Raises EntryError, OSError."""
         first, last, _ = rows.indices(len(self))
         out = np.empty((max(last - first, 0), *self.shape[1:]), self.dtype)
         master = CheckedGroup(self._stored.file)
         parts = parts_of(master)
         if not parts:
-            raise EntryError(f"{self.name} is virtual, and its file has no parts; expected its rows in this file")
-        made = master.text(FILE_ID)
+            wrong = "refers to rows in other files, but this file names no parts"
+            raise EntryError(f"{self.name} {wrong}; expected a snapshot or checkpoint as discsim wrote it")
+        file_id = master.text(FILE_ID)
         path, end = self._stored.name, 0
         for source in self._stored.virtual_sources():
             begin = end
@@ -174,25 +180,24 @@ class CheckedDataset:
             end = high + 1
             part = Path(self._stored.file.filename).parent / source.file_name
             if low != begin or part not in parts or source.dset_name != path:
-                raise EntryError(
-                    f"{self.name} has its rows in {clipped(source.file_name)}; expected them in its own parts"
-                )
+                wrong = f"{self.name} has rows in {clipped(source.file_name)}"
+                raise EntryError(f"{wrong}; expected them in the parts of this file")
             one, other = max(first, begin), min(last, end)
             if one < other:
-                with _open_part(part, made) as held:
+                with _open_part(part, file_id) as held:
                     found = held.dataset_at(path, self.dtype.kind, self.shape[1:])
                     if len(found) != end - begin or found.dtype != self.dtype:
                         raise EntryError(f"part {part}: {path} has {len(found)} rows; expected {end - begin}")
                     out[one - first : other - first] = found.read(slice(one - begin, other - begin))
         if end != len(self):
-            raise EntryError(f"{self.name} has {end} of its {len(self)} rows in parts; expected all")
+            raise EntryError(f"{self.name} has {end} of its {len(self)} rows in parts; expected all of them")
         return out
 
 
 class CheckedGroup:
-    """A group in a file of unknown origin. Entries are read by name and checked for type and shape.
+    """A group in a file of unknown origin; its methods return entries by name, checked for type and shape.
 
-    Soft and external links are not followed. Reading a missing or unexpected entry raises EntryError.
+    Soft and external links are not followed. A missing entry, or one of another type, raises EntryError.
     """
 
     def __init__(self, group: h5py.Group) -> None:
@@ -204,10 +209,11 @@ class CheckedGroup:
         return Path(self._group.file.filename).parent
 
     def _name(self, name: str) -> str:
+        """Return the path of an entry from the root of the file, for messages."""
         return f"{self._group.name.rstrip('/')}/{name}"
 
     def _child(self, name: str) -> Any:
-        """Return the group or dataset `name`. Raises EntryError for a missing entry or a link."""
+        """Return the group or dataset `name`. Raises EntryError if it is missing or a link."""
         link = self._group.get(name, getlink=True)
         if link is None:
             raise EntryError(f"{self._name(name)} is missing; expected it in the file")
@@ -229,6 +235,7 @@ class CheckedGroup:
         return [name for name in plain if attribute in self._group[name].attrs]
 
     def group(self, name: str) -> CheckedGroup:
+        """Return the group `name` in this group."""
         found = self._child(name)
         if not isinstance(found, h5py.Group):
             raise EntryError(f"{self._name(name)} is not a group; expected a group")
@@ -241,8 +248,8 @@ class CheckedGroup:
             raise EntryError(f"{self._name(name)} is not a dataset; expected a dataset")
         return CheckedDataset(found, self._name(name), kinds, row_shape)
 
-    def rows(self, name: str, count: int, kinds: str = "f", row_shape: tuple[int, ...] = ()) -> np.ndarray:
-        """Return the array `name` of `count` rows of shape `row_shape`. Raises EntryError for another length."""
+    def rows(self, name: str, count: int, kinds: str = "f", row_shape: tuple[int, ...] | None = ()) -> np.ndarray:
+        """Return the array `name`, which must have `count` rows; `kinds` and `row_shape` are as in `dataset`."""
         stored = self.dataset(name, kinds, row_shape)
         if len(stored) != count:
             raise EntryError(f"{stored.name} has {len(stored)} rows; expected {count}, as the other columns")
@@ -258,23 +265,26 @@ class CheckedGroup:
 
     @property
     def attributes(self) -> list[str]:
+        """The names of the attributes of this group."""
         return list(self._group.attrs)
 
     def attribute(self, name: str) -> Any:
-        """Return an attribute: a number, truth value, bytes, or an array of these."""
+        """Return the attribute `name`: a number, a truth value, bytes, or an array of these."""
         return attribute_of(self._group, name)
 
     def number(self, name: str) -> float:
+        """Return the attribute `name`, a finite number."""
         return float(self.numbers(name, ()))
 
     def whole(self, name: str) -> int:
+        """Return the attribute `name`, a whole number."""
         found = self.attribute(name)
         if np.ndim(found) != 0 or np.asarray(found).dtype.kind not in "iu":
             raise EntryError(f"{self._name(name)} is not an integer; expected a whole number")
         return int(found)
 
     def numbers(self, name: str, shape: tuple[int, ...], finite: bool = True) -> np.ndarray:
-        """Return an attribute of the given shape as floats. Raises EntryError."""
+        """Return the attribute `name` as floats of the given shape; with `finite`, all numbers must be finite."""
         found = np.asarray(self.attribute(name))
         if found.dtype.kind not in "biuf" or found.shape != shape or not (np.isfinite(found).all() or not finite):
             wanted = "a finite number" if shape == () else f"finite numbers of shape {shape}"
@@ -282,10 +292,12 @@ class CheckedGroup:
         return found.astype(float)
 
     def text(self, name: str) -> str:
-        return decoded(self.attribute(name), self._name(name))
+        """Return the attribute `name` as text."""
+        return decode_text(self.attribute(name), self._name(name))
 
     def texts(self, name: str) -> list[str]:
-        return [decoded(each, self._name(name)) for each in np.atleast_1d(self.attribute(name))]
+        """Return the attribute `name`, an array of texts, as a list."""
+        return [decode_text(each, self._name(name)) for each in np.atleast_1d(self.attribute(name))]
 
 
 def attribute_of(owner: h5py.Group | h5py.Dataset, name: str) -> Any:
@@ -297,12 +309,12 @@ def attribute_of(owner: h5py.Group | h5py.Dataset, name: str) -> Any:
     if found.shape is None or found.dtype.kind not in "biufS":
         raise EntryError(f"{where} holds {found.dtype}; expected numbers or bytes of text")
     if math.prod(found.shape) * found.dtype.itemsize > LARGEST_ATTRIBUTE:
-        raise EntryError(f"{where} has shape {found.shape}; expected fewer")
+        raise EntryError(f"{where} has shape {found.shape}; expected fewer entries")
     return owner.attrs[name]
 
 
-def decoded(value: Any, name: str) -> str:
-    """Return bytes as UTF-8 text. Raises EntryError."""
+def decode_text(value: Any, name: str) -> str:
+    """Decode bytes as UTF-8 text. Raises EntryError with the `name` of the entry if this fails."""
     if not isinstance(value, bytes):
         raise EntryError(f"{name} is not a text; expected a text")
     try:
@@ -312,10 +324,10 @@ def decoded(value: Any, name: str) -> str:
 
 
 @contextmanager
-def opened(path: str | os.PathLike[str]) -> Iterator[CheckedGroup]:
-    """Open a regular HDF5 file of unknown origin for reading, and yield its root group.
+def open_checked(path: str | os.PathLike[str]) -> Iterator[CheckedGroup]:
+    """Open a plain HDF5 file of unknown origin for reading, and yield its root group.
 
-    Raises OSError, and any exception of HDF5 for a damaged file.
+    Raises OSError, and for a damaged file any exception of h5py.
     """
     with open_plain(path) as plain:
         there = os.fstat(plain.fileno())
@@ -327,15 +339,16 @@ def opened(path: str | os.PathLike[str]) -> Iterator[CheckedGroup]:
 
 
 @contextmanager
-def reading(path: str | os.PathLike[str], error: type[Exception], kind: str) -> Iterator[CheckedGroup]:
-    """Open a file of discsim of one `kind` for reading, and yield its root group.
+def open_file_of_kind(path: str | os.PathLike[str], error: type[Exception], kind: str) -> Iterator[CheckedGroup]:
+    """Open a file of discsim for reading, and yield its root group; `kind` is "snapshot" or "checkpoint".
 
-    Any fault of the file raises `error` with a message. A part that is missing is a fault too.
+    Raises `error` with a message if the file is missing, damaged or of another kind, or if one of its parts is missing.
+    Exceptions in the block that come from damaged data are converted to `error` too.
     """
     try:
-        with opened(path) as file:
+        with open_checked(path) as file:
             if "discsim" not in file.attributes or file.attribute("discsim") != np.bytes_(kind):
-                raise error(f"{path}: not a {kind} of discsim, but another HDF5 file")
+                raise error(f"{path}: not a {kind} of discsim, but another HDF5 file; give a file that discsim wrote")
             for part in parts_of(file):
                 if not part.exists():
                     raise error(f"{path}: its part {part} is missing; expected all parts in the same folder")
@@ -349,18 +362,18 @@ def reading(path: str | os.PathLike[str], error: type[Exception], kind: str) -> 
     except MemoryError as fault:
         raise error(f"{path}: too large for the memory of this machine") from fault
     except (OSError, LookupError, ValueError, TypeError, AttributeError, RuntimeError, ArithmeticError) as fault:
-        raise error(f"{path}: not a {kind}, or a damaged {kind}: {_reason(fault)}") from fault
+        raise error(f"{path}: not a {kind}, or a damaged {kind}: {_reason(fault)}; use another {kind}") from fault
 
 
 def write_provenance(file: h5py.File, kind: str) -> None:
-    """Write attributes: the kind of the file, and discsim's version and command line."""
+    """Write attributes of `file`: its kind, and the version and command line of discsim."""
     file.attrs["discsim"] = np.bytes_(kind)
     file.attrs["version"] = np.bytes_(__version__)
-    file.attrs["command"] = np.bytes_(os.fsencode(command()))
+    file.attrs["command"] = np.bytes_(os.fsencode(command_line()))
 
 
 def write_array(group: h5py.Group, name: str, array: np.ndarray) -> h5py.Dataset:
-    """Store `array` bit for bit as the dataset `name`, with a checksum."""
+    """Store `array` bit for bit as the dataset `name` of `group`, with a checksum; return the dataset."""
     array = np.atleast_1d(array)
     chunk = (min(max(len(array), 1), _CHUNK), *(max(n, 1) for n in array.shape[1:]))
     shape = array.shape if array.size else None
@@ -370,34 +383,36 @@ def write_array(group: h5py.Group, name: str, array: np.ndarray) -> h5py.Dataset
 
 
 def parts_of(file: CheckedGroup) -> list[Path]:
-    """Return the paths of a master's parts; [] for an undivided file. Raises EntryError."""
+    """Return the paths of the parts of a master file; [] for a file without parts. Raises EntryError."""
     if PART_NAMES not in file.attributes:
         return []
     found = [os.fsdecode(name) for name in np.atleast_1d(file.attribute(PART_NAMES)).tolist()]
     for name in found:
         folder, _, last = name.partition("/")
         if folder != files.PARTS or last in ("", ".", "..") or "/" in last or "\0" in last:
-            raise EntryError(f"its part has the name {clipped(name)}; expected names like {files.PARTS}/0003.0.h5")
+            raise EntryError(f"one of its parts is named {clipped(name)}; expected a name like {files.PARTS}/0003.0.h5")
     return [file.folder / name for name in found]
 
 
 @contextmanager
-def _open_part(path: Path, made: str) -> Iterator[CheckedGroup]:
-    """Open a part for reading, and yield its root group.
+def _open_part(path: Path, file_id: str) -> Iterator[CheckedGroup]:
+    """Open a part for reading, and yield its root group. `file_id` is the attribute FILE_ID of its master.
 
-    Raises OSError if it is damaged, or if its text FILE_ID differs from `made`: it then belongs to another master.
+    Raises OSError if the part is damaged, or belongs to another master.
     """
     try:
-        with opened(path) as file:
-            if file.text(FILE_ID) != made:
-                raise OSError("this part belongs to another snapshot or checkpoint")
+        with open_checked(path) as file:
+            if file.text(FILE_ID) != file_id:
+                raise OSError(
+                    "this part belongs to another snapshot or checkpoint; expected the part written with this file"
+                )
             yield file
     except (OSError, LookupError, ValueError, RuntimeError) as fault:
         raise OSError(f"part {path}: {_reason(fault)}") from fault
 
 
 def _reason(fault: Exception) -> str:
-    """Return the first line of an error as printable text; internal errors of h5py get a general text."""
+    """Return the first line of an error as printable text, or a general text for an internal error of h5py."""
     if not isinstance(fault, OSError | EntryError):
         return "its contents cannot be read"
     line = (getattr(fault, "strerror", None) or str(fault)).partition("\n")[0]

@@ -1,8 +1,8 @@
 """Writing and reading of history.csv: totals over the particles against time, in code units.
 
-The file has one row per step or per interval. Totals are sums over mobile particles: momentum sum m v, angular
-momentum sum m (x v_y - y v_x) about the origin, kinetic energy sum m v^2 / 2. Velocities and positions are at the
-same time.
+The file has a row for every step, or in large runs for every 16 steps, and one for every snapshot. Totals are sums over
+mobile particles: momentum sum m v, angular momentum sum m (x v_y - y v_x) about the origin, kinetic energy
+sum m v^2 / 2. Velocities and positions are at the same time.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ import numpy as np
 
 from discsim.effects.base import KickEffect
 from discsim.numerics.totals import total, totals
-from discsim.output.files import appended, replace_atomically
+from discsim.output.files import open_to_append, replace_atomically
 from discsim.parts import Lazy
 from discsim.physics.eos import thermal_energy
 from discsim.printable import UserError
@@ -41,36 +41,37 @@ COLUMNS = (
     "angular_momentum", "kinetic_gas", "kinetic_dust", "thermal", "potential", "accreted_gas",
     "accreted_dust", "uncoupled_dust", "accretion_rate_gas", "accretion_rate_dust", "radiated",
 )  # fmt: skip
-GROWTH_COLUMNS = ("mass_small", "accreted_small")  # columns with [growth]; columns of gas then exclude small dust
-MAX_BYTES = 2**31  # largest size of a history in bytes
-TEXT_COLUMNS = ("dt_set_by",)  # columns with text
+GROWTH_COLUMNS = ("mass_small", "accreted_small")  # additional columns of a scene with [growth]
+MAX_BYTES = 2**31  # largest size of a file in bytes
+TEXT_COLUMNS = ("dt_set_by",)  # columns that contain text instead of numbers
 
 
-def columns_of(scene: Scene) -> tuple[str, ...]:
-    """Return the columns of the history of a scene."""
+def history_columns(scene: Scene) -> tuple[str, ...]:
+    """Return the names of the columns in history.csv for a scene. With [growth], columns of gas exclude small dust."""
     return COLUMNS if scene.table("growth") is None else (*COLUMNS, *GROWTH_COLUMNS)
 
 
 class HistoryError(UserError):
-    """A damaged history.csv, which prevents resuming; the message has the line."""
+    """A damaged or unreadable table, with which a run cannot be resumed; the message has the line and a remedy."""
 
 
 class History:
-    """A table, open for appending, with the given `columns`; the first column is the step.
+    """A CSV table with the given `columns`, open for appending; the first column is the number of the step.
 
-    It replaces an existing file, and starts with `rows`, the rows up to the checkpoint of a resumed run.
+    The table replaces an existing file at `path`. It starts with `rows`: in a resumed run, the rows up to the
+    checkpoint. `count` is the number of rows, `last` the last row.
     """
 
     def __init__(self, path: Path, rows: Sequence[Sequence[str]] = (), columns: Sequence[str] = COLUMNS) -> None:
         self._digest = hashlib.sha256(_csv_text(rows).encode())
         with replace_atomically(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
             file.write(_csv_text([columns, *rows]))
-        self._file = appended(path, buffering=0)
+        self._file = open_to_append(path, buffering=0)
         self.count = len(rows)
         self.last: Sequence[object] | None = rows[-1] if rows else None
 
     def add(self, *rows: Sequence[object]) -> None:
-        """Append the rows of a step, unless the last row of the table is of the same step."""
+        """Append rows of one step, unless the table has rows of this step already."""
         if rows and (self.last is None or rows[0][0] != int(str(self.last[0]))):
             lines = _csv_text(rows).encode()
             self._append(lines)
@@ -84,7 +85,7 @@ class History:
         return self._digest.hexdigest()
 
     def _append(self, lines: bytes) -> None:
-        """Write lines to the file; after a failure, such as a full disk, remove what was written."""
+        """Write `lines` at the end of the file; if this fails, for example on a full disk, restore its length."""
         size, left = os.fstat(self._file.fileno()).st_size, memoryview(lines)
         try:
             while left:
@@ -95,26 +96,26 @@ class History:
             raise
 
     def sync(self) -> None:
-        """Synchronise the rows to disk, because a checkpoint records their number."""
+        """Synchronise the file to disk; called before a checkpoint, which records the number of rows."""
         os.fsync(self._file.fileno())
 
     def close(self) -> None:
         self._file.close()
 
 
-class RowsFound(NamedTuple):
-    """Rows of a history up to a checkpoint, and remarks on missing or removed rows."""
+class RestoredRows(NamedTuple):
+    """Rows of a table up to a checkpoint, and warnings about missing or removed rows."""
 
     rows: list[list[str]]
     remarks: list[str]
 
 
-def rows_until(path: Path, step: int, count: int, digest: str, columns: Sequence[str] = COLUMNS) -> RowsFound:
-    """Return the rows that a run wrote up to its checkpoint at `step`; later rows are left out.
+def rows_until(path: Path, step: int, count: int, digest: str, columns: Sequence[str] = COLUMNS) -> RestoredRows:
+    """Return the rows of the table at `path` up to the checkpoint at `step`, without later rows.
 
-    `count` is the number of these rows according to the checkpoint; a file with fewer rows is accepted with a
-    remark. `digest` is the checkpoint's digest of the rows; "" skips the comparison. Raises HistoryError if the file
-    cannot be read, or if a row up to the checkpoint is damaged.
+    `count` and `digest` are the number of these rows and their SHA-256 digest, from the checkpoint. Missing rows cause
+    a warning. With `digest` "" the content is not compared. Raises HistoryError if the file cannot be read, or if a row
+    up to the checkpoint is damaged.
     """
     remedy = "Repair the file, or move it away to continue without its rows"
     try:
@@ -137,7 +138,7 @@ def rows_until(path: Path, step: int, count: int, digest: str, columns: Sequence
         remarks.append(f"{path} has {len(rows)} rows up to step {step}, but the run wrote {count}")
     if len(complete) < len(table):
         remarks.append(f"{path}:{line}: an incomplete row after the checkpoint is removed; the run writes it again")
-    return RowsFound(rows, remarks)
+    return RestoredRows(rows, remarks)
 
 
 def _csv_text(rows: Iterable[Sequence[object]]) -> str:
@@ -148,15 +149,15 @@ def _csv_text(rows: Iterable[Sequence[object]]) -> str:
 
 
 def read_history(path: Path, scene: Scene) -> list[dict[str, str]]:
-    """Return the rows of a history.csv as dicts by column, up to the first incomplete row."""
-    names = columns_of(scene)
+    """Return the rows of the history.csv at `path` as dicts by column, up to the first incomplete row."""
+    names = history_columns(scene)
     return [dict(zip(names, row, strict=True)) for row in _read(path, names)[2]]
 
 
 def _read(path: Path, columns: Sequence[str]) -> tuple[list[str], list[list[str]], list[list[str]]]:
-    """Return the header, all lines after it, and the complete rows before the first incomplete one.
+    """Return the header, all lines after it, and the complete rows before the first incomplete line.
 
-    There are no complete rows if the header differs from `columns`.
+    If the header differs from `columns`, no row counts as complete. A missing file counts as empty.
     """
     text = read_text(path, "replace", most=MAX_BYTES) if path.exists() else ""
     head, *table = [line.split(",") for line in text.splitlines()] or [[]]
@@ -164,7 +165,7 @@ def _read(path: Path, columns: Sequence[str]) -> tuple[list[str], list[list[str]
 
 
 def _is_row(columns: Sequence[str], entries: list[str]) -> bool:
-    """Return whether a line has an entry for each column, of the right type."""
+    """Return whether `entries` are a complete row: a step number, then a number or text for each column."""
     try:
         for name, entry in zip(columns, entries, strict=True):
             if name not in TEXT_COLUMNS:
@@ -177,10 +178,10 @@ def _is_row(columns: Sequence[str], entries: list[str]) -> bool:
 def history_row(
     state: State, effects: Mapping[str, Effect], dt: float, dt_set_by: str, before: Sequence[object] | None = None
 ) -> list[object]:
-    """Return the row of a synchronised state, with entries as in `columns_of`.
+    """Return the row of a synchronised state, with one entry for each name in `history_columns`.
 
-    `dt` is the length of the last step, `dt_set_by` the name of the limit that set it. `before` is the last row:
-    accretion rates are means since then, or 0 without one.
+    `dt` is the length of the last step, `dt_set_by` the name of the limit that set it. `before` is the previous row;
+    the accretion rates in the new row are means since then, or 0 without a previous row.
     """
     gas, dust = _totals(state.gas), _totals(state.dust)
     momentum = gas.momentum + dust.momentum
@@ -199,10 +200,10 @@ def history_row(
 
 
 def _accretion_rates(state: State, before: Sequence[object] | None) -> tuple[float, float]:
-    """Return the accretion rates of gas and dust onto the star since the row `before`."""
+    """Return the mean accretion rates of gas and of dust onto the star since the row `before`."""
     if before is None:
         return 0.0, 0.0
-    then = dict(zip(columns_of(state.scene), before, strict=True))
+    then = dict(zip(history_columns(state.scene), before, strict=True))
     dt = state.time - float(str(then["time"]))
     if dt <= 0.0:
         return 0.0, 0.0
@@ -212,6 +213,8 @@ def _accretion_rates(state: State, before: Sequence[object] | None) -> tuple[flo
 
 
 class _Totals(NamedTuple):
+    """Totals over the mobile particles of a species; `spin` is the angular momentum about the origin."""
+
     mass: float
     momentum: Array  # (2,)
     spin: float
@@ -219,6 +222,7 @@ class _Totals(NamedTuple):
 
 
 def _totals(particles: Particles | None) -> _Totals:
+    """Return the totals of a species; all are 0 if the run has no such species."""
     if particles is None:
         return _Totals(0.0, np.zeros(2), 0.0, 0.0)
     free = _mobile(particles)
@@ -250,6 +254,6 @@ def _radiated(gas: Gas | None) -> float:
 
 
 def _mobile(particles: Particles) -> Array | slice:
-    """Return a mask or slice of the mobile particles; totals exclude the boundary particles of a shock tube."""
+    """Return a mask or slice of the mobile particles; the boundary particles of a shock tube are immobile."""
     immobile = getattr(particles, "immobile", None)
     return slice(None) if immobile is None else ~immobile

@@ -1,4 +1,4 @@
-"""The HDF5 layout of SWIFT: datasets with their dimensions, and the attributes that other tools read."""
+"""The HDF5 layout of SWIFT snapshots: names and dimensions of datasets, and the attributes that other tools read."""
 
 from __future__ import annotations
 
@@ -21,10 +21,13 @@ Array = np.ndarray
 
 
 class Field(NamedTuple):
-    """A dataset of the layout: its name, physical dimension and description."""
+    """A dataset of the layout: its name, its physical dimension and a description.
+
+    The dimension is one of `discsim.scene.units`, "temperature", or "" for a plain number.
+    """
 
     dataset: str
-    dimension: str  # a dimension of discsim.scene.units, "temperature", or "" for a plain number
+    dimension: str
     about: str
 
 
@@ -56,21 +59,25 @@ DUST = COMMON | {
     "stokes": Field("StokesNumbers", "", "stopping time times the Keplerian frequency"),
 }
 BODIES = {name: COMMON[name] for name in ("pos", "vel", "mass", "ids")}
+# For each kind of particles, its group in the file and its datasets by the name of the array.
 GROUPS = {"gas": ("PartType0", GAS), "dust": ("PartType3", DUST), "bodies": ("PartType5", BODIES)}
-TYPES = 7  # number of particle types in the layout's header
-PLAIN_UNITS = {"": "", "temperature": "K"}  # units that do not depend on the code units
-BASES = ("U_M", "U_L", "U_t", "U_T", "U_I")
+TYPES = 7  # number of particle types in the header
+PLAIN_UNITS = {"": "", "temperature": "K"}  # units of the dimensions that do not depend on the code units
 
 
-def _exponents(units: Units, dimension: str) -> dict[str, float]:
-    """Return the unit of a dimension as exponents of the five base units of the layout."""
+def unit_of(units: Units, dimension: str) -> tuple[float, tuple[float, float, float, float]]:
+    """Return the code unit of a dimension in cgs, and its exponents of mass, length, time and temperature."""
     if dimension in PLAIN_UNITS:
-        return dict.fromkeys(BASES, 0.0) | ({"U_T": 1.0} if dimension else {})
-    return dict(zip(BASES, (*units.exponents(dimension), 0.0, 0.0), strict=True))
+        return 1.0, (0.0, 0.0, 0.0, float(dimension == "temperature"))
+    mass, length, time = units.exponents(dimension)
+    return units.cgs(dimension), (mass, length, time, 0.0)
 
 
 def write_particles(file: h5py.File, kind: str, arrays: dict[str, Array], units: Units) -> None:
-    """Write the arrays of one kind of particles (a key of GROUPS), sorted by ids, with units and descriptions."""
+    """Write the arrays of one kind of particles to `file`, sorted by ids, with units and descriptions.
+
+    `kind` is a key of GROUPS. `arrays` has arrays by name, among them "ids", and may have a Column of another package.
+    """
     part, fields = GROUPS[kind]
     group = file.create_group(part)
     order = np.argsort(arrays["ids"], kind="stable")
@@ -83,38 +90,37 @@ def write_particles(file: h5py.File, kind: str, arrays: dict[str, Array], units:
         stored = hdf5.write_array(group, dataset, array)
         if name not in fields:
             stored.attrs["Name"], stored.attrs["Dimension of discsim"] = np.bytes_(name), np.bytes_(dimension)
-        exponents = _exponents(units, dimension)
-        factor = 1.0 if dimension in PLAIN_UNITS else units.cgs(dimension)
+        factor, exponents = unit_of(units, dimension)
         stored.attrs["Description"] = np.bytes_(about)
         stored.attrs["Conversion factor to CGS (not including cosmological corrections)"] = [factor]
         stored.attrs["Conversion factor to physical CGS (including cosmological corrections)"] = [factor]
         stored.attrs["a-scale exponent"] = [0.0]
         stored.attrs["h-scale exponent"] = [0.0]
-        for base, power in exponents.items():
+        for base, power in zip(("U_M", "U_L", "U_t", "U_T", "U_I"), (*exponents, 0.0), strict=True):
             stored.attrs[f"{base} exponent"] = [float(power)]
 
 
 def _stored(arrays: dict[str, Any], fields: dict[str, Field]) -> Iterator[tuple[str, Array, Field]]:
-    """Yield (name, array, field) for the arrays in the layout, then for columns of effects from other packages."""
+    """Yield name, values and dataset of the arrays in the layout, then of the columns of effects in other packages."""
     yield from ((name, arrays[name], field) for name, field in fields.items() if name in arrays)
     for name, column in arrays.items():
         if isinstance(column, Column):
             yield name, column.values, Field(*column[1:])
 
 
-def other_columns(group: hdf5.CheckedGroup) -> dict[str, tuple[hdf5.CheckedDataset, str]]:
-    """Return, by column name, the datasets of effects from other packages and their dimensions."""
-    others = (group.dataset(name) for name in group.names_with("Dimension of discsim"))
-    return {stored.text("Name"): (stored, stored.text("Dimension of discsim")) for stored in others}
+def columns_of_packages(group: hdf5.CheckedGroup) -> dict[str, tuple[str, str]]:
+    """Return the columns of effects in other packages as {name: (name of the dataset, physical dimension)}."""
+    others = {dataset: group.dataset(dataset) for dataset in group.names_with("Dimension of discsim")}
+    return {each.text("Name"): (dataset, each.text("Dimension of discsim")) for dataset, each in others.items()}
 
 
-def write_layout(file: h5py.File, scene: Scene, time: float, side: Array, held: dict[str, int]) -> None:
-    """Write the groups of the layout, with every attribute that some reader needs.
+def write_layout(file: h5py.File, scene: Scene, time: float, side: Array, numbers: dict[str, int]) -> None:
+    """Write the groups of the layout without particles to `file`, with the attributes that other tools need.
 
-    `side` (dimensions,) is the size of the box, `held` has the number of particles of each kind.
+    `side` (dimensions,) are the sides of the box. `numbers` has the number of particles of each kind, by name.
     """
     units, counts = scene.units, np.zeros(TYPES, np.int64)
-    for kind, count in held.items():
+    for kind, count in numbers.items():
         counts[int(GROUPS[kind][0][-1])] = count
     box = np.full(3, side.max())
     box[: len(side)] = side

@@ -1,9 +1,10 @@
-"""Additional data in a snapshot with which a new run continues the old one to rounding.
+"""Additional data in a snapshot, the open step, with which a new run continues the old one to rounding.
 
-A snapshot shows velocities and energies after the closing half kick of a step (`run/integrators.py`). The run itself
-continues without this kick: stored are its velocities and energies, the accelerations and rates predicted for the
-kick, and the first guess for each h. Also stored are the number of the step, which shifts the drag cells, the
-integration state of star and companions, and the clock of dust growth, which acts once in several steps.
+The velocities and energies in a snapshot are those after the closing half kick of a step (`run/integrators.py`). The
+run itself continues without this half kick, so the step is still open. The additional data are the velocities and
+energies of the open step, the accelerations and rates predicted for the kick, and the first guess for each h. They
+also are the number of the step, which shifts the drag cells, the integration state of star and companions, and the
+clock of dust growth, which acts once in several steps.
 """
 
 from __future__ import annotations
@@ -25,17 +26,17 @@ if TYPE_CHECKING:
 Array = np.ndarray
 GROUP = "OpenStep"
 KICKED = ("vel", "u", "kick_acc", "kick_rate")  # arrays that a kick changes or uses
-BODY_ARRAYS = ("pos", "gained", "begun")
+BODY_ARRAYS = ("pos", "gained", "begun")  # arrays of star and companions that are always stored
 
 
 @dataclass(frozen=True)
 class OpenStep:
-    """State of a run between two steps.
+    """State of a run between two steps, before the closing half kick.
 
-    `lag` is the time by which velocities and energies lag behind positions; 0 after the closing kick. `step` is the
-    number of steps, with those of earlier runs that this run continues. `arrays` has, by species (and "bodies") and
-    name, the arrays that differ from those of the snapshot or that it lacks, sorted by ids. `pace` is the clock of
-    dust growth (`State.subcycle_clock`).
+    `lag` is the time by which velocities and energies lag behind positions; it is 0 after the closing kick. `step` is
+    the number of steps, including the steps of earlier runs that this run continues. `arrays` has arrays by species
+    ("gas", "dust", "bodies") and name, sorted by ids: arrays that the snapshot does not have, or has after the closing
+    kick. `pace` is the clock of dust growth (`State.subcycle_clock`).
     """
 
     lag: float
@@ -44,15 +45,15 @@ class OpenStep:
     pace: SubcycleClock | None = None
 
 
-def open_step_of(state: State, together: bool) -> OpenStep:
+def open_step_of(state: State, joint_kick: bool) -> OpenStep:
     """Return the OpenStep of a state between two steps.
 
-    `together` is True if an effect kicks gas and dust together: two half kicks then differ from one whole kick.
-    Without such an effect and without predicted accelerations, a run can continue from the velocities after the
-    closing kick, to rounding; `lag` is then 0.
+    `joint_kick` is True if an effect kicks gas and dust together; two half kicks then differ from one whole kick. With
+    neither such an effect nor predicted accelerations, a run can continue from the velocities after the closing kick,
+    to rounding. Then `lag` is 0, and no velocities are stored.
     """
-    kicked = together or (state.gas is not None and state.gas.kick_acc is not None)
-    lag = state.velocity_lag if kicked else 0.0
+    needs_open_kick = joint_kick or (state.gas is not None and state.gas.kick_acc is not None)
+    lag = state.velocity_lag if needs_open_kick else 0.0
     names = KICKED if lag > 0.0 else ()
     arrays = {}
     for species, particles in state.species.items():
@@ -65,7 +66,7 @@ def open_step_of(state: State, together: bool) -> OpenStep:
 
 
 def write(group: h5py.Group, step: OpenStep) -> None:
-    """Write an open step to a new group in `group` of a snapshot."""
+    """Write an open step to a new group in `group`, the group "discsim" of a snapshot."""
     into = group.create_group(GROUP)
     into.attrs["lag"], into.attrs["step"] = step.lag, step.step
     if step.pace is not None:
@@ -77,7 +78,7 @@ def write(group: h5py.Group, step: OpenStep) -> None:
 
 
 def read(group: hdf5.CheckedGroup, counts: dict[str, int], dimensions: int, time: float) -> OpenStep | None:
-    """Return the open step in a group of a snapshot; None if an earlier version of discsim wrote none.
+    """Return the open step in `group`, the group "discsim" of a snapshot; None if there is none, as in old files.
 
     `counts` are the particle numbers by kind, `time` is the time of the snapshot. Raises EntryError.
     """
@@ -96,5 +97,6 @@ def read(group: hdf5.CheckedGroup, counts: dict[str, int], dimensions: int, time
     pace = SubcycleClock(*map(float, held.numbers("pace", (2,), finite=False))) if "pace" in held.attributes else None
     lag, step = held.number("lag"), held.whole("step")
     if lag < 0.0 or step < 0 or (pace is not None and not (pace.since >= 0.0 and pace.rate > 0.0)):
-        raise EntryError(f"lag {lag:g} or step {step} of {GROUP} is negative; expected 0 or more")
+        wrong = f"{GROUP} has lag {lag:g}, step {step} and clock of growth {pace and tuple(pace)}"
+        raise EntryError(f"{wrong}; expected numbers of 0 or more, and a positive rate")
     return OpenStep(lag, step, arrays, pace)

@@ -1,13 +1,13 @@
-"""Snapshots and checkpoints divided into parts, so that every rank writes its own particles.
+"""Snapshots and checkpoints in several files, the parts, so that every MPI rank writes its own particles.
 
-Each part is a file in the folder "parts" with a contiguous range of particle rows. A small master file next to the
-folder has virtual datasets over the rows of all parts, and opens like a single file.
+Each part is a file in the folder "parts" with a contiguous range of the particles' rows. A small master file next to
+the folder has all other data, and virtual datasets that refer to the rows in the parts. It opens like a single file.
 
     snapshots/0003.h5   snapshots/parts/0003.0.h5   snapshots/parts/0003.1.h5 ...
 
 The parts are written first, and the master last. If the master replaces an older one, the new parts have other names
-than the old ones. A run that is killed can therefore leave only parts that no master refers to;
-`remove_unused_parts` removes them.
+than the old parts. Therefore a killed run leaves intact files, and perhaps parts to which no master refers;
+`remove_unused_parts` removes these parts.
 """
 
 from __future__ import annotations
@@ -32,51 +32,56 @@ DIVIDED_GROUPS = (
 )  # fmt: skip
 
 
-def create_stem(path: Path, before: Path | None) -> str:
-    """Create the folder of parts, and return the stem of the names of a new file's parts. Raises OSError.
+def create_stem(path: Path, backup: Path | None) -> str:
+    """Create the folder for the parts of a new master at `path`; return the stem of their names. Raises OSError.
 
-    If the file at `path` is replaced (`before` is not None), the stem ends in a number that no other part has.
+    If the master replaces an older one (`backup` is not None), the stem ends in a number that no other part has.
     """
     folder = path.parent / PARTS
     folder.mkdir(exist_ok=True)
     fsync_directory(path.parent)
-    if before is None:
+    if backup is None:
         return path.stem
     numbers = (part.name.partition(".")[0].rpartition("-")[2] for part in folder.glob(f"{path.stem}-*"))
     return f"{path.stem}-{1 + max((int(number) for number in numbers if number.isdecimal()), default=0)}"
 
 
 class Part:
-    """Part `number` of a new master file at `path`. Part 0 also writes the master, with all data but particle rows.
+    """A part of a new master file at `path`. Part 0 also writes the master.
 
-    `stem` is from `create_stem`. `made` is a text unique to this master and its parts.
+    `stem` is the result of `create_stem`, and `number` the number of the part. `file_id` is a text that only this
+    master and its parts have. `lengths` has the number of rows in this part by dataset.
     """
 
-    def __init__(self, path: Path, stem: str, number: int, made: str) -> None:
-        self.folder, self.stem, self.made = path.parent / PARTS, stem, made
+    def __init__(self, path: Path, stem: str, number: int, file_id: str) -> None:
+        self.folder, self.stem, self.file_id = path.parent / PARTS, stem, file_id
         self.file = self._path_of(number)
-        self.lengths: dict[str, int] = {}  # rows here, by dataset
-        self._rest = io.BytesIO()
+        self.lengths: dict[str, int] = {}
+        self._rest = io.BytesIO()  # data of the master without the rows of particles
 
     def _path_of(self, number: int) -> Path:
         return self.folder / f"{self.stem}.{number}.h5"
 
     @contextmanager
-    def create(self, path: str | os.PathLike[str], before: Path | None = None) -> Iterator[h5py.File]:
-        """Yield a file like `hdf5.create`; then write its particle rows to this part, keep the rest for the master."""
+    def create(self, path: str | os.PathLike[str], backup: Path | None = None) -> Iterator[h5py.File]:
+        """Yield a new file in memory; at the end of the block, write its rows of particles to this part.
+
+        All other data are kept in memory for `write_master`. The arguments, which are those of `hdf5.create`, are not
+        used.
+        """
         content = io.BytesIO()
-        with hdf5.new(content) as file:
+        with hdf5.new_in_memory(content) as file:
             yield file
-            with hdf5.new(self._rest) as rest:
+            with hdf5.new_in_memory(self._rest) as rest:
                 _move_undivided(file, rest)
             self.lengths = {stored.name: len(stored) for stored in _divided_datasets(file)}
-            file.attrs["discsim"], file.attrs[hdf5.FILE_ID] = np.bytes_("part of a file"), np.bytes_(self.made)
+            file.attrs["discsim"], file.attrs[hdf5.FILE_ID] = np.bytes_("part of a file"), np.bytes_(self.file_id)
         hdf5.write_verified(self.file, content)
 
-    def join(self, path: Path, before: Path | None, lengths: Sequence[dict[str, int]]) -> None:
-        """Write the master over all parts. Raises OSError.
+    def write_master(self, path: Path, backup: Path | None, lengths: Sequence[dict[str, int]]) -> None:
+        """Write the master of all parts to `path`; `backup` is as in `hdf5.create`. Call this for part 0 only.
 
-        `lengths` has for each part the numbers of rows by dataset. Called for part 0 only.
+        `lengths` are the attributes `lengths` of all parts. Raises OSError.
         """
         files = [self._path_of(number) for number in range(len(lengths))]
         with h5py.File(self._rest, "r+") as file:
@@ -84,12 +89,12 @@ class Part:
                 for stored in _divided_datasets(first):
                     _create_virtual(file, stored, files, [length[stored.name] for length in lengths])
             file.attrs[hdf5.PART_NAMES] = [np.bytes_(os.fsencode(_relative_path(one))) for one in files]
-            file.attrs[hdf5.FILE_ID] = np.bytes_(self.made)
+            file.attrs[hdf5.FILE_ID] = np.bytes_(self.file_id)
         hdf5.append_digest(self._rest)
-        hdf5.write_verified(path, self._rest, before)
+        hdf5.write_verified(path, self._rest, backup)
 
     def discard(self) -> None:
-        """Remove this part, after a failure to write another part or the master."""
+        """Remove the file of this part; called if another part or the master could not be written."""
         with suppress(OSError):
             self.file.unlink(missing_ok=True)
 
@@ -100,14 +105,17 @@ def _relative_path(part: Path) -> str:
 
 
 def _divided_datasets(file: h5py.File) -> Iterator[h5py.Dataset]:
-    """Yield the datasets whose rows are divided among parts."""
+    """Yield the datasets of `file` whose rows are divided among the parts."""
     for group in DIVIDED_GROUPS:
         if group in file:
             yield from file[group].values()
 
 
 def _move_undivided(group: h5py.Group, into: h5py.Group) -> None:
-    """Move attributes and groups from a file to another; of groups in DIVIDED_GROUPS only the names."""
+    """Move attributes, groups and datasets from `group` to the group `into` of another file.
+
+    Groups in DIVIDED_GROUPS stay in `group`; `into` gets empty groups of the same names.
+    """
     for name, value in group.attrs.items():
         into.attrs[name] = value
     for name, item in list(group.items()):
@@ -121,9 +129,10 @@ def _move_undivided(group: h5py.Group, into: h5py.Group) -> None:
 
 
 def _create_virtual(file: h5py.File, stored: h5py.Dataset, files: Sequence[Path], lengths: Sequence[int]) -> None:
-    """Create a virtual dataset in the master over the rows in `files`, which have `lengths` rows each.
+    """Create a virtual dataset in the master `file`, which consists of the rows of a dataset in all parts.
 
-    `stored` is the dataset in the first part; it determines name, type and attributes.
+    `stored` is the dataset in the first part, from which name, type and attributes are copied. `files` are the paths of
+    the parts, and `lengths` the number of rows in each part.
     """
     wide = stored.shape[1:]
     if sum(lengths) == 0:
@@ -140,9 +149,9 @@ def _create_virtual(file: h5py.File, stored: h5py.Dataset, files: Sequence[Path]
 
 
 def remove_unused_parts(folder: Path) -> None:
-    """Remove the parts that no master file in `folder` refers to.
+    """Remove the parts to which no master file in `folder` refers.
 
-    Nothing is removed if a master cannot be read, because it may refer to any part.
+    If a master cannot be read, nothing is removed, because it may refer to any part.
     """
     parts = folder / PARTS
     if not parts.is_dir():
@@ -150,7 +159,7 @@ def remove_unused_parts(folder: Path) -> None:
     named: set[str] = set()
     for path in folder.glob("*.h5"):
         try:
-            with hdf5.opened(path) as file:
+            with hdf5.open_checked(path) as file:
                 named.update(part.name for part in hdf5.parts_of(file))
         except (OSError, LookupError, ValueError, RuntimeError):
             return
@@ -161,19 +170,19 @@ def remove_unused_parts(folder: Path) -> None:
         parts.rmdir()
 
 
-def copy(path: Path, target: Path, to: Path, made: list[Path]) -> None:
-    """Copy the file at `path` to `to`, and its parts to the folder of parts next to `target`.
+def copy(path: Path, target: Path, temporary: Path, created: list[Path]) -> None:
+    """Copy the file at `path` to the path `temporary`, which the caller later renames to `target`.
 
-    The caller renames `to` to `target` later. Paths of new parts and their folder are appended to `made` before they
-    are created, so that the caller can remove them after a failure.
+    Its parts are copied to the folder of parts next to `target`. The paths of the new parts and of their folder are
+    appended to `created` before they are created, so that the caller can remove them after a failure.
     """
     if (path.parent / PARTS).is_dir() and h5py.is_hdf5(path):
-        with hdf5.opened(path) as file:
+        with hdf5.open_checked(path) as file:
             parts = hdf5.parts_of(file)
         for part in parts:
             other = target.parent / PARTS / part.name
-            made += [each for each in (other.parent, other) if not os.path.lexists(each)]
+            created += [each for each in (other.parent, other) if not os.path.lexists(each)]
             other.parent.mkdir(exist_ok=True)
-            with replace_atomically(other) as temporary:
-                copy_plain(part, temporary)
-    copy_plain(path, to)
+            with replace_atomically(other) as temporary_part:
+                copy_plain(part, temporary_part)
+    copy_plain(path, temporary)

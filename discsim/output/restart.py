@@ -1,11 +1,12 @@
 """The start `initial.kind = "snapshot"`: particles from a snapshot of an earlier run, also with other effects.
 
 The particles may be refined or thinned. The time of the new run starts at 0, or with `keep_time` at the time of the
-snapshot; stored times of earlier events are shifted accordingly.
+snapshot. Stored times, such as the start of a companion's ramp, are shifted to the new time.
 
 If only the start and the output of the scene differ, the new run continues the old one to rounding (`open_step.py`).
-With other physics it starts from the synchronised velocities in the snapshot, relative to the centre of the disc.
-A star and companions with unchanged keys continue along their orbits; others start as in their tables.
+With other physics it starts from the velocities in the snapshot, which are at the time of the positions, relative to
+the centre of the disc. A star and companions with unchanged keys continue along their orbits; other bodies start as in
+their tables.
 """
 
 from __future__ import annotations
@@ -48,11 +49,11 @@ SAME_RING = 1e-9  # particles on a ring of a quiet start have the same radius, t
 
 @dataclass(frozen=True)
 class SnapshotFile(InputFile):
-    """A snapshot as an input file, with the numbers that validation of a scene needs.
+    """A snapshot as an input file of a scene, with the numbers that the validation of the scene needs.
 
     `gas` is the number of gas particles, `dust` the number of particles of each dust population. `holds_heat` is
-    True if the gas has an internal energy u. `time` is the snapshot's time in code units of the scene that gives the
-    file, `time_words` the same time as text.
+    True if the gas has an internal energy u. `time` is the snapshot's time in code units of the scene, `time_text`
+    the same time as text.
     """
 
     gas: int = field(default=0, compare=False)
@@ -60,20 +61,20 @@ class SnapshotFile(InputFile):
     dimensions: int = field(default=2, compare=False)
     holds_heat: bool = field(default=False, compare=False)
     time: float = field(default=0.0, compare=False)
-    time_words: str = field(default="0", compare=False)
+    time_text: str = field(default="0", compare=False)
 
     __str__ = InputFile.__str__
 
 
 @lru_cache(maxsize=1)
 def _snapshot(file: SnapshotFile) -> Snapshot:
-    """Read a snapshot; the snapshot read last is cached."""
+    """Return the snapshot in a file; the last one that was read is cached."""
     found: Snapshot = snapshots.read_snapshot(file.path)
     return found
 
 
 def _validated_file(value: Any, info: ValidationInfo) -> SnapshotFile:
-    """Return `initial.file` of a scene as a SnapshotFile. Raises a `fault` if it cannot be read."""
+    """Return the value of `initial.file` in a scene as a SnapshotFile. Raises a `fault` if it cannot be read."""
     found = InputFile.read(value, info)
     try:
         snap = _snapshot(SnapshotFile(found.path, found.digest))
@@ -86,8 +87,8 @@ def _validated_file(value: Any, info: ValidationInfo) -> SnapshotFile:
     gas = snap.gas.count if snap.gas is not None else 0
     units = (info.context or {}).get("units", snap.units)
     time = snap.time if units == snap.units else float(units.to_code(snap.quantity("time")))
-    words = snap.units.show_time(snap.time)
-    return SnapshotFile(found.path, found.digest, gas, tuple(map(int, numbers)), snap.dimensions, heat, time, words)
+    text = snap.units.show_time(snap.time)
+    return SnapshotFile(found.path, found.digest, gas, tuple(map(int, numbers)), snap.dimensions, heat, time, text)
 
 
 KIND: Final = "snapshot"
@@ -118,7 +119,7 @@ class FromSnapshot(Table):
 
 
 def particles(scene: Scene) -> dict[str, dict[str, Array]]:
-    """Return the arrays of gas and dust at the start, by species and name."""
+    """Return the arrays of gas and dust at the start, by species and name, in code units of the scene."""
     start: Any = scene.initial
     snap = _snapshot(start.file).about_centre()
     out = {}
@@ -128,7 +129,7 @@ def particles(scene: Scene) -> dict[str, dict[str, Array]]:
             continue
         arrays = _arrays_in_code_units(scene, name, held)
         if "small" in arrays:
-            arrays = _with_mass_of_drag(scene, snap, arrays)
+            arrays = _with_masses_for_drag(scene, snap, arrays)
         groups = [arrays]
         if start.thin > 1 or start.refine > 1:
             groups = []
@@ -140,16 +141,15 @@ def particles(scene: Scene) -> dict[str, dict[str, Array]]:
     return out
 
 
-def _with_mass_of_drag(scene: Scene, snap: Snapshot, gas: dict[str, Array]) -> dict[str, Array]:
-    """Return the arrays of gas with particle masses as the scene defines them.
+def _with_masses_for_drag(scene: Scene, snap: Snapshot, gas: dict[str, Array]) -> dict[str, Array]:
+    """Return the arrays `gas` of a snapshot with the masses of gas particles that the drag of the scene needs.
 
-    With two-way drag, masses of gas particles include small dust; with one-way drag they do not. If the directions
-    of drag of snapshot and scene differ, the mass of small dust is added or removed.
+    With two-way drag, the masses include small dust; with one-way drag they do not. If the directions of drag of
+    snapshot and scene differ, the mass of small dust is added or removed.
     """
-    was = snap.tables["drag"].get("direction") != "one-way"
-    if was == growth.small_dust_in_mass(scene):
-        return gas
-    return add_small_dust(gas, 1.0 if growth.small_dust_in_mass(scene) else -1.0)
+    was_included = snap.tables["drag"].get("direction") != "one-way"
+    is_included = growth.small_dust_in_mass(scene)
+    return gas if was_included == is_included else add_small_dust(gas, 1.0 if is_included else -1.0)
 
 
 def _population_of(held: SnapshotParticles) -> Array:
@@ -158,21 +158,19 @@ def _population_of(held: SnapshotParticles) -> Array:
 
 
 def _arrays_in_code_units(scene: Scene, name: str, held: SnapshotParticles) -> dict[str, Array]:
-    """Return the arrays of a species ("gas", "dust") that the start uses, in code units of the scene.
+    """Return the arrays of the particles `held` that a start uses, in code units of the scene.
 
-    If scene and snapshot have the same units, the values are copied bit for bit.
+    `name` is their species, "gas" or "dust". If scene and snapshot have the same units, the values are copied bit for
+    bit.
     """
     keys = ["pos", "vel", "mass", "immobile"]
-    keys += (
-        ["species", *(["size"] if has_individual_sizes(scene) else [])]
-        if name == "dust"
-        else ["density", "small", *(["u"] if eos_of(scene).holds_heat else [])]
-    )
+    if name == "dust":
+        keys += ["size"] if has_individual_sizes(scene) else []
+    else:
+        keys += ["density", *(["small"] if scene.table("growth") else []), *(["u"] if eos_of(scene).holds_heat else [])]
     arrays = {key: getattr(held, key) for key in keys if getattr(held, key) is not None}
     if name == "dust":
         arrays["species"] = _population_of(held)
-    if name == "gas" and scene.table("growth") is None:
-        arrays.pop("small", None)
     if held.units == scene.units:
         return {key: np.array(values) for key, values in arrays.items()}
     plain = ("species", "immobile")
@@ -183,7 +181,7 @@ def _arrays_in_code_units(scene: Scene, name: str, held: SnapshotParticles) -> d
 
 
 def _stored_scene(scene: Scene) -> Scene | None:
-    """Return the scene stored in the snapshot, with `initial` replaced by that of `scene`.
+    """Return the scene stored in the snapshot from which `scene` starts, with the table [initial] of `scene`.
 
     None if the stored scene is invalid in this version of discsim.
     """
@@ -196,7 +194,11 @@ def _stored_scene(scene: Scene) -> Scene | None:
 
 
 def continues_run(scene: Scene) -> bool:
-    """Return whether the run continues the snapshot's run to rounding: no changed key affects a step."""
+    """Return whether a run of `scene` continues the run of its snapshot to rounding.
+
+    It does if the snapshot has an open step, if its particles are neither refined nor thinned, and if no key that
+    affects a step has changed.
+    """
     start, before = scene.initial, _stored_scene(scene)
     if _snapshot(start.file).open_step is None or before is None or start.refine > 1 or start.thin > 1:
         return False
@@ -216,7 +218,7 @@ def start_time(scene: Scene) -> float:
 
 
 def restore_open_step(state: State) -> None:
-    """Set the time of the state; if the run continues the snapshot's run, also restore the open step."""
+    """Set the time of `state`; if the run continues the snapshot's run, restore its arrays and clocks too."""
     if continues_run(state.scene):
         _restore_arrays(state)
     state.time = start_time(state.scene)
@@ -225,11 +227,10 @@ def restore_open_step(state: State) -> None:
 
 
 def _restore_arrays(state: State) -> None:
-    """Set arrays and clocks of the state to those of the snapshot's run between two steps (`open_step.py`)."""
+    """Set arrays and clocks of `state` to those of the snapshot's run between two steps (`open_step.py`)."""
     scene = state.scene
     snap = _snapshot(scene.initial.file)
     step = snap.open_step
-    assert step is not None
     state.velocity_lag, state.earlier = step.lag, step.step
     state.subcycle_clock = step.pace or state.subcycle_clock
     held = {**state.species, **({} if state.bodies is None else {"bodies": state.bodies})}
@@ -246,11 +247,14 @@ def _restore_arrays(state: State) -> None:
 
 
 def moving_bodies(scene: Scene) -> dict[int, ContinuedBody]:
-    """Return position, velocity and history of star (0) and companions whose keys are unchanged, by number."""
+    """Return the star (number 0) and the companions (from 1) whose keys are unchanged, by number.
+
+    Each has its position and velocity relative to the star, the mass that it has gained, and the time when its ramp
+    began, relative to the time of the snapshot.
+    """
     snap, before = _snapshot(scene.initial.file), _stored_scene(scene)
     if snap.bodies is None or snap.open_step is None or before is None or snap.units != scene.units:
         return {}
-    assert before.star is not None and scene.star is not None
     pos, vel, past = snap.bodies.pos, snap.bodies.vel, snap.open_step.arrays["bodies"]
     same = [before.star.mass == scene.star.mass]
     for old, new in zip(before.companion or (), scene.companion or (), strict=False):
@@ -265,20 +269,20 @@ def moving_bodies(scene: Scene) -> dict[int, ContinuedBody]:
 
 
 def check_snapshot_fits(draft: Draft) -> Iterator[Problem]:
-    """Yield the keys and messages of contradictions between a scene and its snapshot."""
+    """Yield a key and a message for each contradiction between a scene and its snapshot."""
     file: Any = draft.initial.file
     if draft.initial.refine > 1 and draft.initial.thin > 1:
         yield ("initial", "thin"), "initial.refine is also given; expected only one of the two"
     if draft.initial.keep_time and draft.run is not None and draft.run.until <= file.time:
         wrong = "run.until is not later than the snapshot"
-        yield ("run", "until"), f"{wrong}; expected more than {file.time_words}, or no initial.keep_time"
+        yield ("run", "until"), f"{wrong}; expected more than {file.time_text}, or no initial.keep_time"
     if file.dimensions != draft.dimensions:
         yield (
             ("initial", "file"),
             f"the snapshot has {file.dimensions} dimensions; expected {draft.dimensions}, as in space.dimensions",
         )
     if draft.has("gas") and file.gas == 0:
-        yield ("gas",), "initial.file contains no gas; expected no table [gas]"
+        yield ("gas",), "initial.file contains no gas; remove the table [gas]"
     have, wanted = len(draft.dust or ()), len(file.dust)
     if draft.has("dust") and have != wanted:
         holds = f"{wanted} population{'s' * (wanted != 1)} of dust" if wanted else "no dust"
@@ -289,14 +293,14 @@ def check_snapshot_fits(draft: Draft) -> Iterator[Problem]:
 
 
 def _rings(scene: Scene) -> SamplePoints:
-    """Return rings with about equal particle numbers: mid radii, surface densities and relative particle masses.
+    """Return surface density, mid radius and relative particle mass in rings with about equal particle numbers.
 
-    The particles are the gas if scene and snapshot have gas, else the dust.
+    The particles are the gas if scene and snapshot have gas, else the dust. If all particles have the same mass,
+    `relative_mass` is None.
     """
     snap = _snapshot(scene.initial.file).about_centre()
-    held = snap.gas if scene.gas is not None and snap.gas is not None else snap.dust
-    assert held is not None
-    arrays = _arrays_in_code_units(scene, "gas" if held is snap.gas and scene.gas is not None else "dust", held)
+    name = "gas" if scene.gas is not None and snap.gas is not None else "dust"
+    arrays = _arrays_in_code_units(scene, name, snap.species[name])
     r = np.sqrt((arrays["pos"] ** 2).sum(axis=1))
     edges = _ring_edges(np.sort(r))
     number, mean = np.histogram(r, edges)[0], arrays["mass"].mean()
@@ -310,9 +314,9 @@ def _rings(scene: Scene) -> SamplePoints:
 
 
 def _ring_edges(r: Array) -> Array:
-    """Return edges of at most MAX_RINGS rings with about equal particle numbers, from sorted radii (n,).
+    """Return the edges of at most MAX_RINGS rings with about equal numbers of particles at sorted radii `r` (n,).
 
-    Particles with the same radius to rounding, as on a ring of a quiet start, are never separated by an edge.
+    An edge never separates particles with the same radius to rounding, as on a ring of a quiet start.
     """
     first = np.flatnonzero(np.diff(r) > SAME_RING * r[1:]) + 1  # first index of each distinct radius but the innermost
     if len(first) == 0:
@@ -325,10 +329,9 @@ def _ring_edges(r: Array) -> Array:
 
 
 def sample_points(scene: Scene) -> SamplePoints:
-    """Return the rings at 10%, 50% and 90% of the particles of the first species, for the preview."""
+    """Return the rings at 10%, 50% and 90% of the particles (see `_rings`), for the preview."""
     rings = _rings(scene)
     r, relative = rings.radius, rings.relative_mass
-    assert r is not None
     chosen = [len(r) // 10, len(r) // 2, -1 - len(r) // 10]
     names = [scene.units.show(x, "length") for x in r[chosen]]
     own = None if relative is None else relative[chosen]
@@ -336,7 +339,7 @@ def sample_points(scene: Scene) -> SamplePoints:
 
 
 def sample_all_gas(scene: Scene) -> tuple[SamplePoints, Array]:
-    """Return all rings of the first species, and their relative particle masses, for the preview."""
+    """Return all rings (see `_rings`), and the relative mass of a particle in each, for the preview."""
     rings = _rings(scene)
     return rings, np.ones_like(rings.density) if rings.relative_mass is None else rings.relative_mass
 
@@ -344,19 +347,17 @@ def sample_all_gas(scene: Scene) -> tuple[SamplePoints, Array]:
 def edges(scene: Scene) -> tuple[float, float]:
     """Return the mid radii of the innermost and the outermost ring."""
     r = _rings(scene).radius
-    assert r is not None
     return float(r[0]), float(r[-1])
 
 
 def mass(scene: Scene, population: Any) -> float:
-    """Return the mass of gas to which the ratio of a dust population refers: mass of the dust over its ratio.
+    """Return the mass of gas in the region of a dust population: the mass of its dust over its dust-to-gas ratio.
 
-    `population` None: the mass of all gas; in a scene without gas, the largest of these masses.
+    With `population` None, return the mass of all gas; in a scene without gas, the largest mass of the populations.
     """
     snap = _snapshot(scene.initial.file)
     if population is None and scene.gas is not None and snap.gas is not None:
         return float(_arrays_in_code_units(scene, "gas", snap.gas)["mass"].sum())
-    assert snap.dust is not None and scene.dust is not None
     arrays = _arrays_in_code_units(scene, "dust", snap.dust)
     masses = np.bincount(arrays["species"], arrays["mass"], len(scene.dust))
     shares = [total / dust.ratio for total, dust in zip(masses, scene.dust, strict=True)]
@@ -364,20 +365,20 @@ def mass(scene: Scene, population: Any) -> float:
 
 
 def reference_density(scene: Scene) -> float:
-    """Return the reference density of drag laws of the snapshot's run, so that grains keep their properties.
+    """Return the surface density to which drag laws refer in the snapshot's run, in code units of `scene`.
 
-    In code units of the scene. Raises SceneError if the snapshot's run had none.
+    With this density, grains keep their stopping times. Raises SceneError if the snapshot's run had no such density.
     """
     snap, path = _snapshot(scene.initial.file), scene.initial.file.path
     found = snap.reference_density
     if found is None:
         try:  # written by an earlier version, or the start has none
             if snap.tables["initial"]["kind"] == scene.initial.kind:
-                raise SceneError(["a start from a start"])
+                raise SceneError(["that run started from a snapshot too"])
             return profile.reference_density(load_scene(snap.tables, folder=path.parent))
         except (SceneError, KeyError, TypeError):
-            wrong = f"{path}: the run of this snapshot had no Sigma_ref"
-            raise SceneError([f'{wrong}; expected another drag.law than "{scene.drag.law}"']) from None
+            wrong = f"{path}: the run of this snapshot had no Sigma_ref, the density to which drag laws refer"
+            raise SceneError([f'{wrong}; expected a drag.law other than "{scene.drag.law}"']) from None
     return found if snap.units == scene.units else float(scene.units.to_code(snap.units.quantity(found, "density")))
 
 

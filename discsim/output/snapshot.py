@@ -22,18 +22,10 @@ import numpy as np
 from discsim.numerics.dataframe import dataframe_of
 from discsim.numerics.entries import EntryError, check_finite, check_ranges
 from discsim.output import hdf5, open_step
-from discsim.output.bins import square_window
-from discsim.output.contents import (
-    Extent,
-    derived_arrays,
-    extent_of,
-    into_box,
-    present_kinds,
-    support_radius,
-    unit_texts,
-)
+from discsim.output.bins import square_pixels
+from discsim.output.contents import Extent, box_coordinates, derived_arrays, extent_of, present_kinds, support_radius
 from discsim.output.layout import GROUPS, PLAIN_UNITS, write_layout, write_particles
-from discsim.output.snapshot_entries import columns_of, is_requested, table_count, tables_of, time_of, units_of
+from discsim.output.snapshot_entries import is_requested, read_columns, table_count, tables_of, time_of, units_of
 from discsim.parts import STARTS, Lazy
 from discsim.physics.profile import reference_density
 from discsim.printable import UserError, printable
@@ -51,21 +43,22 @@ if TYPE_CHECKING:
     from discsim.scene import Scene
 
 Array = np.ndarray
+display = Lazy("discsim.output.fields.display")
 frame = Lazy("discsim.output.fields.frame")
-growth = Lazy("discsim.physics.growth")
+tools = Lazy("discsim.output.tools")
 FINITE = ("pos", "vel", "mass", "density", "h", "u", "pressure", "sound_speed", "temperature", "small", "size")
 
 
 class SnapshotError(UserError):
-    """A file that is absent, damaged or no snapshot of discsim; the message has the reason."""
+    """A snapshot that is missing or damaged, or another file in its place; the message has the reason."""
 
 
 @dataclass(frozen=True, repr=False)
 class SnapshotParticles(Summarised):
     """Particles of one kind in a snapshot, sorted by ids.
 
-    Arrays are in code units and in the scene's frame. An array is None if the file lacks it, or if the argument
-    `columns` of `read_snapshot` excluded it.
+    Arrays are in code units and in the scene's frame. An array is None if the file does not have it, or if the
+    argument `columns` of `read_snapshot` leaves it out.
 
     Attributes
     ----------
@@ -111,7 +104,7 @@ class SnapshotParticles(Summarised):
     size: Array | None = None
     stopping_time: Array | None = None
     stokes: Array | None = None
-    columns: dict[str, Array] = field(default_factory=dict)  # columns of effects from other packages, by name
+    columns: dict[str, Array] = field(default_factory=dict)
 
     @property
     def count(self) -> int:
@@ -152,14 +145,16 @@ class SnapshotParticles(Summarised):
         return self.units.quantity(array, dimension)
 
     def arrays(self) -> dict[str, Array]:
-        """Return all arrays that are not None by name, including `columns`."""
+        """Return by name all arrays that are not None, and those in `columns`."""
         held = {f.name: getattr(self, f.name) for f in fields(self)}
         return {name: array for name, array in held.items() if isinstance(array, np.ndarray)} | self.columns
 
     def summary(self) -> tuple[str, Rows]:
         """Return a title with the particle number, and a row with shape and dimension for each array."""
-        of = {name: self.dimensions_of.get(name, "").replace("_", " ") for name in self.arrays()}
-        return f"{self.count:,} particles", [(name, f"{a.shape}  {of[name]}") for name, a in self.arrays().items()]
+        rows = []
+        for name, array in self.arrays().items():
+            rows.append((name, f"{array.shape}  {self.dimensions_of.get(name, '').replace('_', ' ')}"))
+        return f"{self.count:,} particles", rows
 
     def to_pandas(self) -> Any:
         """Return the arrays as a pandas DataFrame in code units, with ids as its index.
@@ -206,7 +201,7 @@ class SnapshotParticles(Summarised):
         Each particle is a Gaussian as wide as the distance to its 12th neighbour; all particles in a pixel have the
         same width. For random positions the shot noise is 1/sqrt(48).
         """
-        plane = square_window(self.pos, (lower, upper), pixels, periodic)
+        plane = square_pixels(self.pos, (lower, upper), pixels, periodic)
         return plane.sum(self.mass) / plane.measure
 
 
@@ -231,7 +226,7 @@ class Snapshot(Summarised):
     bodies : SnapshotParticles or None
         Star, then companions; None without a star, or if the star is fixed at the origin.
     open_step : OpenStep or None
-        Data with which a new run continues from the snapshot.
+        Additional data with which a new run can continue this run to rounding.
     reference_density : float or None
         Surface density to which drag laws refer; None if the start has none.
     version, command : str
@@ -247,14 +242,14 @@ class Snapshot(Summarised):
     units: Units
     scene_text: str
     dimensions: int
-    lower: Array  # corners of the box in the scene's frame, (dimensions,)
+    lower: Array
     upper: Array
-    bodies: SnapshotParticles | None = None  # star, then companions; None if the star is fixed at the origin
-    open_step: OpenStep | None = None  # additional data for a start from this snapshot
-    reference_density: float | None = None  # Sigma to which drag laws refer, if the start defines it
-    version: str = ""  # version of discsim that wrote the file
-    command: str = ""  # command line that wrote the file; "" in files of earlier versions
-    support: float = 1.0  # radius of the support of the gas kernel, in h
+    bodies: SnapshotParticles | None = None
+    open_step: OpenStep | None = None
+    reference_density: float | None = None
+    version: str = ""
+    command: str = ""
+    support: float = 1.0
 
     @cached_property
     def tables(self) -> dict[str, Any]:
@@ -268,7 +263,7 @@ class Snapshot(Summarised):
 
     @property
     def species(self) -> dict[str, SnapshotParticles]:
-        """Particles of the species that the run has, by name: "gas", "dust"."""
+        """Particles by the name of their species, "gas" or "dust", for the species that the run has."""
         both = {"gas": self.gas, "dust": self.dust}
         return {name: particles for name, particles in both.items() if particles is not None}
 
@@ -285,10 +280,10 @@ class Snapshot(Summarised):
         """
         if self.bodies is None or self.tables.get("star", {}).get("frame") != "inertial":
             return self
-        place, speed = frame.centre_of(self)
+        centre, velocity = frame.centre_of(self)
 
         def shifted(p: SnapshotParticles | None) -> SnapshotParticles | None:
-            return p and replace(p, pos=p.pos - place, vel=None if p.vel is None else p.vel - speed)
+            return p and replace(p, pos=p.pos - centre, vel=None if p.vel is None else p.vel - velocity)
 
         return replace(self, gas=shifted(self.gas), dust=shifted(self.dust), bodies=shifted(self.bodies))
 
@@ -354,10 +349,8 @@ class Snapshot(Summarised):
         PlotError
             If another argument is invalid.
         """
-        from discsim.output.fields.look import field_of
-
-        look = {"distance": distance, "wavelength": wavelength, "opacity": opacity}
-        return field_of(self, name, edges, window=window, pixels=pixels, **look)
+        options = {"distance": distance, "wavelength": wavelength, "opacity": opacity}
+        return display.field_of(self, name, edges, window=window, pixels=pixels, **options)
 
     def to_yt(self, species: str = "gas") -> Any:
         """Return the snapshot as a yt dataset in the scene's frame.
@@ -382,8 +375,6 @@ class Snapshot(Summarised):
         ValueError
             In 1D.
         """
-        from discsim.output import tools
-
         return tools.to_yt(self, species)
 
     def to_pynbody(self) -> Any:
@@ -402,8 +393,6 @@ class Snapshot(Summarised):
         ValueError
             In 1D.
         """
-        from discsim.output import tools
-
         return tools.to_pynbody(self)
 
     def to_sarracen(self, species: str = "gas") -> Any:
@@ -429,8 +418,6 @@ class Snapshot(Summarised):
         ValueError
             In 1D.
         """
-        from discsim.output import tools
-
         return tools.to_sarracen(self, species)
 
 
@@ -438,19 +425,19 @@ def write_snapshot(
     path: str | os.PathLike[str], scene: Scene, time: float, gas: Gas | None, dust: Dust | None,
     extra: dict[str, dict[str, Array | Column]] | None = None, bodies: Bodies | None = None,
     step: OpenStep | None = None, extent: Extent | None = None,
-    into: Callable[[Any], AbstractContextManager[h5py.File]] = hdf5.create,
+    create: Callable[[Any], AbstractContextManager[h5py.File]] = hdf5.create,
 ) -> None:  # fmt: skip
-    """Write the particles at `time` to `path`; the file appears when it is complete. Raises OSError.
+    """Write a snapshot of the particles at `time` to `path`; the file appears when it is complete. Raises OSError.
 
     `extra` has additional arrays by kind and name, such as {"dust": {"stokes": ...}}, in the order of the particles.
-    `step` has the data with which a new run can continue from the snapshot. `extent` is the box around the particles
-    of all ranks; by default it is computed from the given particles. `into` is the context manager that creates the
-    file.
+    `step` has the data with which a new run can continue this run. `extent` has the box around the particles of all
+    ranks and their numbers; by default it is computed from the given particles. `create` is the context manager that
+    creates the file.
     """
     extra, present = extra or {}, present_kinds(gas, dust, bodies)
     lower, upper, counts = extent or extent_of(scene, gas, dust, bodies)
     support = support_radius(scene)
-    with into(path) as file:
+    with create(path) as file:
         hdf5.write_provenance(file, "snapshot")
         write_layout(file, scene, time, upper - lower, counts)
         own = file.create_group("discsim")
@@ -459,7 +446,8 @@ def write_snapshot(
         own.attrs["dimensions"] = scene.space.dimensions
         own.attrs["support"] = support
         own.attrs["energy_equation"] = gas is not None and gas.u is not None
-        own.attrs["units"] = [np.bytes_(text.encode()) for text in unit_texts(scene.units)]
+        units = scene.units
+        own.attrs["units"] = [np.bytes_(t.encode()) for t in (units.system, units.length_text, units.mass_text)]
         hdf5.write_array(own, "Scene", np.frombuffer(scene.text.encode(), np.uint8))
         if step is not None:
             open_step.write(own, step)
@@ -469,14 +457,17 @@ def write_snapshot(
         for name, particles in present.items():
             arrays: dict[str, Any] = particles.arrays() | derived_arrays(scene, name, particles) | extra.get(name, {})
             arrays.setdefault("ids", np.arange(particles.count))
-            arrays = arrays | {"pos": into_box(particles.pos, lower, upper)}
+            arrays["pos"] = box_coordinates(particles.pos, lower, upper)
             if name == "gas":
                 arrays["h"] = arrays["h"] * support
-            write_particles(file, name, arrays, scene.units)
+            write_particles(file, name, arrays, units)
 
 
-def files_of(source: str | os.PathLike[str]) -> list[Path]:
-    """Return the snapshots of a run in the order of time; if `source` is a file, that file. Raises SnapshotError."""
+def snapshot_files(source: str | os.PathLike[str]) -> list[Path]:
+    """Return the paths of the snapshots of a run in the order of time. Raises SnapshotError if there are none.
+
+    `source` is the directory of the run or its folder "snapshots". If it is a file, only this file is returned.
+    """
     path = Path(source)
     if not path.is_dir():
         if not path.exists():
@@ -507,29 +498,27 @@ def read_snapshot(path: str | os.PathLike[str], columns: Collection[str] | None 
     Raises
     ------
     SnapshotError
-        If the file is absent, damaged or no snapshot of discsim.
+        If the file is missing, damaged or not a snapshot of discsim.
     """
-    path = files_of(path)[-1] if Path(path).is_dir() else path
-    with hdf5.reading(path, SnapshotError, "snapshot") as file:
+    path = snapshot_files(path)[-1] if Path(path).is_dir() else path
+    with hdf5.open_file_of_kind(path, SnapshotError, "snapshot") as file:
         own, units = file.group("discsim"), units_of(file)
         dimensions = own.whole("dimensions")
         origin, size = (own.numbers(name, (dimensions,)) for name in ("origin", "size"))
         support = own.number("support")
         if not (support > 0.0 and (size > 0.0).all()):
-            raise EntryError("the size of the box or of the kernel support is not positive; expected positive numbers")
-        text = hdf5.decoded(own.dataset("Scene", "u", ()).read().tobytes(), "/discsim/Scene")
+            wrong = f"its kernel support is {support:g} and its box {' x '.join(f'{side:g}' for side in size)}"
+            raise EntryError(f"{wrong}; expected positive numbers")
+        text = hdf5.decode_text(own.dataset("Scene", "u", ()).read().tobytes(), "/discsim/Scene")
         tables = tables_of(text, units)
-        populations, bodies = (
-            table_count(tables, "dust"),
-            table_count(tables, "star") + table_count(tables, "companion"),
-        )
+        populations = table_count(tables, "dust")
         there = [kind for kind, (group, _) in GROUPS.items() if group in file]
         kinds = {kind: _particles_of(file, kind, populations, columns) for kind in there}
         counts = {kind: particles.count for kind, particles in kinds.items()}
+        bodies = table_count(tables, "star") + table_count(tables, "companion")
         if counts.get("bodies", bodies) != bodies:
-            raise EntryError(
-                f"it contains {counts['bodies']} bodies, but its scene has {bodies}; expected the same number"
-            )
+            wrong = f"it contains {counts['bodies']} bodies, but the scene in it has {bodies}"
+            raise EntryError(f"{wrong}; expected the same number")
         reference, time = "reference_density", time_of(file)
         return Snapshot(
             time=time,
@@ -552,19 +541,19 @@ def read_snapshot(path: str | os.PathLike[str], columns: Collection[str] | None 
 def _particles_of(
     file: hdf5.CheckedGroup, kind: str, populations: int, columns: Collection[str] | None
 ) -> SnapshotParticles:
-    """Return the particles of one kind ("gas", "dust", "bodies"), in the scene's frame. Raises EntryError.
+    """Return the particles of one kind ("gas", "dust", "bodies") in the open snapshot `file`, in the scene's frame.
 
-    `populations` is the number of dust populations, `columns` the argument of `read_snapshot`.
+    `populations` is the number of dust populations, `columns` the argument of `read_snapshot`. Raises EntryError.
     """
     own, units, (group, fields) = file.group("discsim"), units_of(file), GROUPS[kind]
     wanted = partial(is_requested, columns, kind)
-    arrays, others, known = columns_of(file.group(group), fields, wanted)
+    arrays, others, known = read_columns(file.group(group), fields, wanted)
     arrays["pos"] = arrays["pos"][:, : units.dimensions] + own.numbers("origin", (units.dimensions,))
     if "vel" in arrays:
         arrays["vel"] = arrays["vel"][:, : units.dimensions]
     check_finite(kind, {name: array for name, array in arrays.items() if name in FINITE})
     if populations > 1 and kind == "dust" and "species" not in arrays and wanted("species"):
-        raise EntryError("its dust has no dataset Species; expected the population number of each particle")
+        raise EntryError("its group of dust has no dataset Species; expected the population number of each particle")
     check_ranges(kind, arrays, populations)
     if "h" in arrays:
         arrays["h"] = arrays["h"] / own.number("support")

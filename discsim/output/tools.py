@@ -1,13 +1,13 @@
-"""Conversion of snapshots to objects of yt, pynbody and sarracen, which are imported when needed.
+"""Conversion of snapshots to objects of yt, pynbody and sarracen. These packages are imported when needed.
 
 These tools render the surface density of particles j, each with a mass, a density and a kernel of radius R_j, as
 
     Sigma(x, y) = sum_j (m_j / rho_j) rho_j W(|r - r_j|, R_j)
 
-with W in two dimensions, or in three and integrated along the line of sight. rho_j cancels. sarracen works in two
-dimensions, and its rho is the surface density. yt and pynbody work in three dimensions. Their rho is the surface
-density over one code length, as for a layer of this thickness; its projection is then the surface density. Pressure
-is converted in the same way.
+where the kernel W is two-dimensional, or three-dimensional and integrated along the line of sight; rho_j cancels.
+sarracen works in two dimensions, and its rho is the surface density. yt and pynbody work in three dimensions. Their rho
+is the surface density over one code length, as for a layer of this thickness; its projection is then the surface
+density. Pressure is converted in the same way.
 
 For SPH gas, R is the radius of the support of its kernel. For particles without h, R = r_32, the distance to the
 32nd neighbour, and the density is the mass of the 31 nearer neighbours over pi R^2; for random positions its mean is
@@ -23,7 +23,7 @@ import numpy as np
 
 from discsim.numerics.dataframe import dataframe_of
 from discsim.output.fields.values import is_periodic
-from discsim.output.layout import GROUPS, PLAIN_UNITS
+from discsim.output.layout import GROUPS, unit_of
 from discsim.parts import install_command
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 NEIGHBOUR_AT_R = 32  # neighbour whose distance is R for particles without h
-MIN_RADIUS = 1e-6  # smallest R as a fraction of the box, for coincident particles
+MIN_RADIUS = 1e-6  # smallest R in units of the box; R is 0 for coincident particles
 R_OVER_H = 2.0  # R / h of the kernels in pynbody and sarracen
 PER_LENGTH_IN_3D = ("density", "pressure")  # dimensions that are divided by one code length for tools in 3D
 YT_NAMES = {"mass": "particle_mass", "ids": "particle_index", "h": "smoothing_length", "temperature": "temperature"}
@@ -41,7 +41,7 @@ PYNBODY_NAMES = {"ids": "iord", "h": "smooth", "density": "rho", "pressure": "p"
 
 
 def to_yt(snap: Snapshot, species: str) -> Any:
-    """Implement `Snapshot.to_yt`."""
+    """Return a snapshot as a yt dataset; see `Snapshot.to_yt`."""
     yt, smoothed = _import_tool(snap, "yt"), _particles_of(snap, species)
     data = {}
     for kind, p in _particles_by_kind(snap).items():
@@ -51,7 +51,7 @@ def to_yt(snap: Snapshot, species: str) -> Any:
             arrays |= _radius_and_density(snap, p)
         names = YT_NAMES | ({"density": "density"} if p is smoothed else {})
         for name, array in arrays.items():
-            unit = "*".join(_unit_powers(snap, p, name, ("code_mass", "code_length", "code_time", "K")))
+            unit = "*".join(_unit(snap, p, name, ("code_mass", "code_length", "code_time", "K"))[1])
             plain = fields[name].dataset if name in fields else name
             data[group, names.get(name, plain)] = array, unit
         for name, vectors in _vectors(p).items():
@@ -70,7 +70,7 @@ def to_yt(snap: Snapshot, species: str) -> Any:
 
 
 def to_pynbody(snap: Snapshot) -> Any:
-    """Implement `Snapshot.to_pynbody`."""
+    """Return a snapshot as a pynbody SimSnap; see `Snapshot.to_pynbody`."""
     pynbody, kinds = _import_tool(snap, "pynbody"), _particles_by_kind(snap)
     counts = {FAMILIES[kind]: p.count for kind, p in kinds.items()}
     made = pynbody.new(order=",".join(counts), **counts)
@@ -83,16 +83,16 @@ def to_pynbody(snap: Snapshot) -> Any:
             family["sigma"] = arrays["density"]
             family["sigma"].units = f"{snap.units.cgs('surface_density')!r} g cm**-2"
         for name, array in arrays.items():
-            powers = " ".join(_unit_powers(snap, p, name, ("g", "cm", "s", "K")))
+            factor, powers = _unit(snap, p, name, ("g", "cm", "s", "K"))
             kept = PYNBODY_NAMES.get(name, name)
             family[kept] = array
-            family[kept].units = f"{_cgs(snap, p, name)!r} {powers}" if powers else "1"
+            family[kept].units = " ".join([f"{factor!r}", *powers]) if powers else "1"
     made.properties["time"] = pynbody.units.Unit(f"{snap.time * snap.units.cgs('time')!r} s")
     return made
 
 
 def to_sarracen(snap: Snapshot, species: str) -> Any:
-    """Implement `Snapshot.to_sarracen`."""
+    """Return a species as a SarracenDataFrame; see `Snapshot.to_sarracen`."""
     sarracen, p = _import_tool(snap, "sarracen"), _particles_of(snap, species)
     arrays = {"ids": np.arange(p.count)} | _arrays(p) | {name: v[:, :2] for name, v in _vectors(p).items()}
     arrays |= _radius_and_density(snap, p)
@@ -104,12 +104,12 @@ def to_sarracen(snap: Snapshot, species: str) -> Any:
 def _import_tool(snap: Snapshot, name: str) -> Any:
     """Import and return the package `name`. Raises ImportError if it is missing, ValueError for a 1D snapshot."""
     if snap.dimensions != 2:
-        raise ValueError(f"to_{name}() needs a snapshot in two dimensions, but this one has one; expected to_pandas()")
+        raise ValueError(f"to_{name}() needs a snapshot in two dimensions, but this one has one; use to_pandas()")
     try:
         return import_module(name)
     except ImportError as error:
         needed = f"to_{name}() needs {name}, which is not installed"
-        raise ImportError(f"{needed}; expected {install_command('tools')}") from error
+        raise ImportError(f"{needed}; run: {install_command('tools')}") from error
 
 
 def _particles_by_kind(snap: Snapshot) -> dict[str, SnapshotParticles]:
@@ -125,54 +125,41 @@ def _particles_of(snap: Snapshot, species: str) -> SnapshotParticles:
 
 
 def _arrays(p: SnapshotParticles) -> dict[str, Array]:
-    """Return the arrays (n,) of particles by name; h is left out, see `_radius_and_density`."""
+    """Return the arrays (n,) of particles by name, without h, which `_radius_and_density` returns."""
     held = {name: array for name, array in vars(p).items() if isinstance(array, np.ndarray) and array.ndim == 1}
     held.pop("h", None)
     return held | p.columns
 
 
 def _vectors(p: SnapshotParticles) -> dict[str, Array]:
-    """Return "pos" and "vel" as arrays (n, 3); without "vel" if it was not read."""
+    """Return the arrays "pos" and "vel" with shape (n, 3), z = 0; "vel" is left out if it was not read."""
     held = {"pos": p.pos, "vel": p.vel}
     return {name: np.pad(array, ((0, 0), (0, 1))) for name, array in held.items() if array is not None}
 
 
-def _unit_powers(snap: Snapshot, p: SnapshotParticles, name: str, bases: tuple[str, ...]) -> list[str]:
-    """Return the unit of an array as powers like "g**1"; `bases` are units of mass, length, time and temperature."""
-    return [f"{base}**{power:g}" for base, power in zip(bases, _exponents(snap, p, name), strict=True) if power]
+def _unit(snap: Snapshot, p: SnapshotParticles, name: str, bases: tuple[str, ...]) -> tuple[float, list[str]]:
+    """Return the unit of the array `name` for tools in 3D: its factor to cgs, and its powers of `bases` like "g**1".
 
-
-def _exponents(snap: Snapshot, p: SnapshotParticles, name: str) -> tuple[float, float, float, float]:
-    """Return the exponents of mass, length, time and temperature in the unit of an array."""
-    dimension = _dimension(p, name)
-    if dimension in PLAIN_UNITS:
-        return 0.0, 0.0, 0.0, float(dimension == "temperature")
-    mass, length, time = snap.units.exponents(dimension)
-    return mass, length - (dimension in PER_LENGTH_IN_3D), time, 0.0
-
-
-def _cgs(snap: Snapshot, p: SnapshotParticles, name: str) -> float:
-    """Return the factor from code units to cgs for an array."""
-    dimension = _dimension(p, name)
-    factor = 1.0 if dimension in PLAIN_UNITS else snap.units.cgs(dimension)
-    return factor / snap.units.cgs("length") if dimension in PER_LENGTH_IN_3D else factor
-
-
-def _dimension(p: SnapshotParticles, name: str) -> str:
-    """Return the physical dimension of an array."""
-    return {"h": "length", "density": "density"}.get(name) or p.dimensions_of[name]
+    `bases` are the names of units of mass, length, time and temperature.
+    """
+    dimension = {"h": "length", "density": "density"}.get(name) or p.dimensions_of[name]
+    factor, (mass, length, time, temperature) = unit_of(snap.units, dimension)
+    if dimension in PER_LENGTH_IN_3D:
+        factor, length = factor / snap.units.cgs("length"), length - 1
+    exponents = zip(bases, (mass, length, time, temperature), strict=True)
+    return factor, [f"{base}**{power:g}" for base, power in exponents if power]
 
 
 def _radius_and_density(snap: Snapshot, p: SnapshotParticles) -> dict[str, Array]:
-    """Return two arrays (n,): "h", the kernel radius R of each particle, and "density", the surface density there."""
+    """Return two arrays (n,): "h", the radius R of each particle's kernel, and "density", its surface density."""
     if p.h is not None and p.density is not None:
         return {"h": p.h * snap.support, "density": p.density}
     from scipy.spatial import cKDTree
 
     sides = snap.upper - snap.lower
-    places, around = ((p.pos - snap.lower) % sides, sides) if is_periodic(snap) else (p.pos, None)
+    pos, period = ((p.pos - snap.lower) % sides, sides) if is_periodic(snap) else (p.pos, None)
     # The nearest neighbour is the particle itself. Missing neighbours have infinite distance and no mass.
-    distance, nearest = cKDTree(places, boxsize=around).query(places, NEIGHBOUR_AT_R + 1)
+    distance, nearest = cKDTree(pos, boxsize=period).query(pos, NEIGHBOUR_AT_R + 1)
     radius = np.clip(distance[:, -1], MIN_RADIUS * sides.max(), sides.max())
     mass = np.append(p.mass, 0.0)[nearest[:, 1:-1]].sum(axis=1)
     return {"h": radius, "density": mass / (np.pi * radius**2)}

@@ -12,11 +12,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from discsim.output.drawing import draw, norm_of, scale_bar
+from discsim.output.drawing import draw_picture, draw_scale_bar
 from discsim.output.fields.base import FieldError, PlotError
-from discsim.output.fields.look import Look, look_of
-from discsim.output.fields.names import available_fields, listed, matching_fields
-from discsim.output.snapshot import Snapshot, files_of
+from discsim.output.fields.display import DisplayOptions, display_options
+from discsim.output.fields.names import available_fields, field_rows, matching_fields
+from discsim.output.snapshot import Snapshot, snapshot_files
 from discsim.parts import FIELDS
 from discsim.plot import curves, pictures
 from discsim.plot.compose import colour_range
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 __all__ = ["FieldError", "PlotError", "field_map", "fields", "movie", "phase", "polar_map", "profile", "time_map"]
 
 
-def field_map(source: Source, field: str = "gas.surface_density", ax: Axes | None = None, **look: Any) -> Axes:
+def field_map(source: Source, field: str = "gas.surface_density", ax: Axes | None = None, **options: Any) -> Axes:
     """Draw a field on the plane, with star, companions and a scale bar.
 
     Parameters
@@ -40,7 +40,7 @@ def field_map(source: Source, field: str = "gas.surface_density", ax: Axes | Non
         Name of the field, as in `discsim plot --fields`.
     ax : Axes, optional
         matplotlib axes to draw on; by default those of a new figure.
-    **look
+    **options
         `window`, `pixels`, `distance`, `wavelength` and `opacity` as in `Snapshot.field`, and `limits`, the lowest
         and highest value shown, in the unit of the axes.
 
@@ -54,10 +54,10 @@ def field_map(source: Source, field: str = "gas.surface_density", ax: Axes | Non
     PlotError, FieldError, SnapshotError
         If an argument is invalid, the run lacks the field, or a snapshot cannot be read.
     """
-    return _draw_picture(source, field, ax, look_of(**look), "map")
+    return _draw_picture(source, field, ax, display_options(**options), "map")
 
 
-def polar_map(source: Source, field: str = "gas.surface_density", ax: Axes | None = None, **look: Any) -> Axes:
+def polar_map(source: Source, field: str = "gas.surface_density", ax: Axes | None = None, **options: Any) -> Axes:
     """Draw a field in azimuth and radius.
 
     Parameters
@@ -68,7 +68,7 @@ def polar_map(source: Source, field: str = "gas.surface_density", ax: Axes | Non
         Name of the field, as in `discsim plot --fields`.
     ax : Axes, optional
         matplotlib axes to draw on; by default those of a new figure.
-    **look
+    **options
         `window`, `pixels`, `distance`, `wavelength` and `opacity` as in `Snapshot.field`, and `limits`, the lowest
         and highest value shown, in the unit of the axes.
 
@@ -82,10 +82,10 @@ def polar_map(source: Source, field: str = "gas.surface_density", ax: Axes | Non
     PlotError, FieldError, SnapshotError
         If an argument is invalid, the run lacks the field, or a snapshot cannot be read.
     """
-    return _draw_picture(source, field, ax, look_of(**look), "polar")
+    return _draw_picture(source, field, ax, display_options(**options), "polar")
 
 
-def profile(source: Source, field: str = "surface_density", ax: Axes | None = None, **look: Any) -> Axes:
+def profile(source: Source, field: str = "surface_density", ax: Axes | None = None, **options: Any) -> Axes:
     """Draw azimuthal averages of a field against radius, one line per species; in 1D the particles against x.
 
     Parameters
@@ -97,7 +97,7 @@ def profile(source: Source, field: str = "surface_density", ax: Axes | None = No
         species.
     ax : Axes, optional
         matplotlib axes to draw on; by default those of a new figure.
-    **look
+    **options
         `window`, `pixels`, `distance`, `wavelength` and `opacity` as in `Snapshot.field`, and `limits`, the lowest
         and highest value shown, in the unit of the axes.
 
@@ -111,15 +111,15 @@ def profile(source: Source, field: str = "surface_density", ax: Axes | None = No
     PlotError, FieldError, SnapshotError
         If an argument is invalid, the run lacks the field, or a snapshot cannot be read.
     """
-    snap, options, ax = read_for_fields(source, matching_fields(field)), look_of(**look), _axes_or_new(ax)
+    snap, display, ax = read_for_fields(source, matching_fields(field)), display_options(**options), _axes_or_new(ax)
     names = available_fields(field, snap)
-    for name, curve in curves.profile_curves(snap, names, options).items():
+    for name, curve in curves.profile_curves(snap, names, display).items():
         curves.draw_curve(ax, snap, curve, FIELDS[name], label=name.partition(".")[0].replace("_", " "))
-    curves.finish_profile(ax, snap, names, options)
+    curves.finish_profile(ax, snap, names, display)
     return ax
 
 
-def time_map(source: str | Path, field: str = "gas.surface_density", ax: Axes | None = None, **look: Any) -> Axes:
+def time_map(source: str | Path, field: str = "gas.surface_density", ax: Axes | None = None, **options: Any) -> Axes:
     """Draw a field against radius (in 1D x) and time, from all snapshots of a run.
 
     Parameters
@@ -130,7 +130,7 @@ def time_map(source: str | Path, field: str = "gas.surface_density", ax: Axes | 
         Name of the field, as in `discsim plot --fields`.
     ax : Axes, optional
         matplotlib axes to draw on; by default those of a new figure.
-    **look
+    **options
         `window`, `pixels`, `distance`, `wavelength` and `opacity` as in `Snapshot.field`, and `limits`, the lowest
         and highest value shown, in the unit of the axes.
 
@@ -144,15 +144,15 @@ def time_map(source: str | Path, field: str = "gas.surface_density", ax: Axes | 
     PlotError, FieldError, SnapshotError
         If an argument is invalid, the run lacks the field, or a snapshot cannot be read.
     """
-    files, options, ax = files_of(source), look_of(**look), _axes_or_new(ax)
+    files, display, ax = snapshot_files(source), display_options(**options), _axes_or_new(ax)
     name = _first_name(field, read_for_fields(files[0], matching_fields(field)))
-    picture = pictures.time_pictures(files, [name], options)[name]
-    draw(ax, picture, colour_range(options, norm_of([picture]), picture))
+    picture = pictures.time_pictures(files, [name], display)[name]
+    draw_picture(ax, picture, colour_range(display, [picture]))
     return ax
 
 
 def phase(
-    source: Source, field: str = "gas.v_r", against: str = "gas.radius", ax: Axes | None = None, **look: Any
+    source: Source, field: str = "gas.v_r", against: str = "gas.radius", ax: Axes | None = None, **options: Any
 ) -> Axes:
     """Draw the distribution of particle mass over two fields.
 
@@ -164,7 +164,7 @@ def phase(
         Names of the fields on the y axis and on the x axis, both of particles of the same species.
     ax : Axes, optional
         matplotlib axes to draw on; by default those of a new figure.
-    **look
+    **options
         `window`, `pixels`, `distance`, `wavelength` and `opacity` as in `Snapshot.field`, and `limits`, the lowest
         and highest value shown, in the unit of the axes.
 
@@ -179,11 +179,11 @@ def phase(
         If an argument is invalid, the run lacks the field, or a snapshot cannot be read.
     """
     snap, ax = read_for_fields(source, [*matching_fields(field), *matching_fields(against)]), _axes_or_new(ax)
-    curves.draw_phase(ax, snap, _first_name(field, snap), _first_name(against, snap), look_of(**look))
+    curves.draw_phase(ax, snap, _first_name(field, snap), _first_name(against, snap), display_options(**options))
     return ax
 
 
-def movie(source: str | Path, path: str | Path | None = None, *words: str, rate: float = 10.0, **look: Any) -> Path:
+def movie(source: str | Path, path: str | Path | None = None, *words: str, rate: float = 10.0, **options: Any) -> Path:
     """Write a film with one frame per snapshot of a run.
 
     Parameters
@@ -196,7 +196,7 @@ def movie(source: str | Path, path: str | Path | None = None, *words: str, rate:
         Names of the fields; by default "surface_density".
     rate : float
         Frames per second.
-    **look
+    **options
         As in `field_map`.
 
     Returns
@@ -211,7 +211,7 @@ def movie(source: str | Path, path: str | Path | None = None, *words: str, rate:
     OSError
         If the file cannot be written.
     """
-    film = Film(Path(source), words, rate=rate, look=look_of(**look))
+    film = Film(Path(source), words, rate=rate, display=display_options(**options))
     where = Path(path) if path is not None else default_path(film)
     film.save(where)
     return where
@@ -225,22 +225,22 @@ def fields() -> list[tuple[str, str, str]]:
     list of tuple of str
         Name, unit and description with equation of each field.
     """
-    return list(listed())
+    return list(field_rows())
 
 
-def _draw_picture(source: Source, field: str, ax: Axes | None, look: Look, kind: str) -> Axes:
-    """Draw a field as a picture of the given kind, "map" or "polar"; return the axes."""
+def _draw_picture(source: Source, field: str, ax: Axes | None, display: DisplayOptions, kind: str) -> Axes:
+    """Draw a field as a picture of the given kind, a key of PICTURE_MAKERS; return the axes."""
     snap, ax = read_for_fields(source, matching_fields(field)), _axes_or_new(ax)
     name = _first_name(field, snap)
-    picture = {"map": pictures.map_pictures, "polar": pictures.polar_pictures}[kind](snap, [name], look)[name]
-    draw(ax, picture, colour_range(look, norm_of([picture]), picture))
+    picture = pictures.PICTURE_MAKERS[kind](snap, [name], display)[name]
+    draw_picture(ax, picture, colour_range(display, [picture]))
     if picture.scale is not None:
-        scale_bar(ax, picture)
+        draw_scale_bar(ax, picture)
     return ax
 
 
 def _first_name(word: str, snap: Snapshot) -> str:
-    """Return the full name of a field; a name that several species have gets the first species."""
+    """Return the full name of the field `word`; for a name like "v_r", that of the first species that has it."""
     return available_fields(word, snap)[0]
 
 

@@ -9,9 +9,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 
-from discsim.output.drawing import colour_bar, in_units, log_ticks, points_1d
+from discsim.output.drawing import axis_unit, draw_colour_bar, points_1d, set_log_ticks
 from discsim.output.fields.base import Field, PlotError
-from discsim.output.fields.look import Look
+from discsim.output.fields.display import DisplayOptions
 from discsim.output.fields.values import smooth_profile
 from discsim.parts import FIELDS
 
@@ -19,16 +19,16 @@ if TYPE_CHECKING:
     from discsim.output.snapshot import Snapshot
 
 Array = np.ndarray
-MAX_CELLS = 160  # cells of a phase plot along each axis, at most
-MAX_DECADES = 4.5  # decades on an axis of a density, at most
+MAX_CELLS = 160  # largest number of cells of a phase plot along each axis
+MAX_DECADES = 4.5  # largest number of decades on the axis of a density
 
 
-def profile_curves(snap: Snapshot, names: Sequence[str], look: Look) -> dict[str, tuple[Array, Array]]:
-    """Return a curve (radius, value) for each field, in the units of axes; in 1D (x, value) of the particles."""
+def profile_curves(snap: Snapshot, names: Sequence[str], display: DisplayOptions) -> dict[str, tuple[Array, Array]]:
+    """Return for each field a curve (radii, values), or in 1D (x, values) of the particles, in the units of axes."""
     if snap.dimensions == 1:
         return {name: points_1d(snap, name) for name in names}
-    edges, binned = smooth_profile(snap, look.radii(snap), look.optics)
-    radius = in_units(snap, "length")[0] * 0.5 * (edges[1:] + edges[:-1])
+    edges, binned = smooth_profile(snap, display.radii(snap), display.optics)
+    radius = axis_unit(snap, "length")[0] * 0.5 * (edges[1:] + edges[:-1])
     return {name: (radius, FIELDS[name].factor(snap.units) * binned[name]) for name in names}
 
 
@@ -42,10 +42,10 @@ def draw_curve(axes: Axes, snap: Snapshot, curve: tuple[Array, Array], field: Fi
     axes.plot(x, values, **style)
 
 
-def finish_profile(axes: Axes, snap: Snapshot, names: Sequence[str], look: Look) -> None:
+def finish_profile(axes: Axes, snap: Snapshot, names: Sequence[str], display: DisplayOptions) -> None:
     """Set labels, scale and legend of axes after their curves are drawn."""
-    field, (length, unit) = FIELDS[names[0]], in_units(snap, "length")
-    low, high = look.radii(snap)
+    field, (length, unit) = FIELDS[names[0]], axis_unit(snap, "length")
+    low, high = display.radii(snap)
     axes.set(xlabel=f"{'r' if snap.dimensions == 2 else 'x'}{unit}", xlim=(length * low, length * high))
     axes.set_ylabel(field.text(snap.units, of_all=len(names) > 1))
     shown = [y[np.isfinite(y)] for y in (np.asarray(line.get_ydata(), dtype=float) for line in axes.lines)]
@@ -54,10 +54,10 @@ def finish_profile(axes: Axes, snap: Snapshot, names: Sequence[str], look: Look)
         axes.set_yscale("log")
         if field.kind == "density":  # a lone particle must not determine the scale
             axes.set_ylim(bottom=max(axes.get_ylim()[0], min(peaks) * 10**-MAX_DECADES))
-    if look.limits is not None:
-        axes.set_ylim(*look.limits)
+    if display.limits is not None:
+        axes.set_ylim(*display.limits)
     if axes.get_yscale() == "log":
-        log_ticks(axes.yaxis, *axes.get_ylim())
+        set_log_ticks(axes.yaxis, *axes.get_ylim())
     if field.scale == "signed":
         axes.axhline(0.0, color="0.5", lw=0.8, zorder=0)
     axes.grid(alpha=0.3)
@@ -71,7 +71,7 @@ def _decades(shown: Sequence[Array]) -> float:
     return float(np.log10(values.max() / values.min())) if values.size and values.min() > 0 else 0.0
 
 
-def draw_phase(axes: Axes, snap: Snapshot, name: str, against: str, look: Look) -> None:
+def draw_phase(axes: Axes, snap: Snapshot, name: str, against: str, display: DisplayOptions) -> None:
     """Draw the distribution of particle mass over the fields `against` (x) and `name` (y). Raises PlotError.
 
     An axis is logarithmic if its field has a logarithmic scale and spans more than a factor of 3.
@@ -84,8 +84,8 @@ def draw_phase(axes: Axes, snap: Snapshot, name: str, against: str, look: Look) 
     values = [field.factor(snap.units) * field.values(snap) for field in fields]
     cells = int(np.clip(0.7 * len(values[0]) ** 0.5, 20, MAX_CELLS))
     edges = [_bin_edges(field, array, cells) for field, array in zip(fields, values, strict=True)]
-    if look.limits is not None:
-        edges[1] = _axis_edges(fields[1], *look.limits, cells)
+    if display.limits is not None:
+        edges[1] = _axis_edges(fields[1], *display.limits, cells)
     mass = snap.species[fields[1].species].mass
     total, _, _ = np.histogram2d(values[0], values[1], (edges[0], edges[1]), weights=mass / max(mass.sum(), 1e-300))
     fraction = np.where(total > 0, total, np.nan)
@@ -95,9 +95,9 @@ def draw_phase(axes: Axes, snap: Snapshot, name: str, against: str, look: Look) 
     for axis, field, ends in ((axes.xaxis, fields[0], edges[0]), (axes.yaxis, fields[1], edges[1])):
         if _is_log(field, ends):
             getattr(axes, f"set_{axis.axis_name}scale")("log")
-            log_ticks(axis, ends[0], ends[-1])
+            set_log_ticks(axis, ends[0], ends[-1])
     axes.set(xlabel=fields[0].text(snap.units), ylabel=fields[1].text(snap.units))
-    colour_bar(axes, image, f"mass fraction of {fields[1].species}")
+    draw_colour_bar(axes, image, f"mass fraction of {fields[1].species}")
 
 
 def _is_log(field: Field, edges: Array) -> bool:

@@ -7,99 +7,90 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.util import find_spec
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from matplotlib.colors import Normalize
 from PIL import Image
 
-from discsim.output.drawing import norm_of
 from discsim.output.fields.base import PlotError
-from discsim.output.fields.look import Look
+from discsim.output.fields.display import DisplayOptions
 from discsim.output.files import refuse_special, replace_atomically
-from discsim.output.snapshot import files_of
+from discsim.output.snapshot import snapshot_files
 from discsim.parts import install_command
 from discsim.plot import compose, pictures
 from discsim.plot.compose import PanelFigure
-from discsim.plot.sources import NamedSnapshot, read_for_fields, run_directory, run_name, times_of
+from discsim.plot.sources import NamedSnapshot, read_for_fields, run_directory, run_name, times_and_units
 
-if TYPE_CHECKING:
-    from discsim.output.drawing import Picture
-
-KINDS = {"map": pictures.map_pictures, "polar": pictures.polar_pictures}
 SNAPSHOTS_FOR_RANGE = 12  # largest number of snapshots that determine the colour ranges
 PIXELS_FOR_RANGE = 160  # pixels per side of the maps that determine the colour ranges
 DPI = 110
-Say = Callable[[int, int], None]  # called with the number of finished frames and of all frames
+ReportFrame = Callable[[int, int], None]  # called with the number of finished frames and the number of all frames
 
 
 @dataclass(frozen=True)
 class Film:
-    """A film of a run. `words` are names of fields, `kind` is a key of KINDS, `rate` is in frames per second."""
+    """A film of the run in the directory `source`.
+
+    `words` are names of fields, `kind` is a key of PICTURE_MAKERS, and `rate` is in frames per second.
+    """
 
     source: Path
     words: Sequence[str] = ()
     kind: str = "map"
     rate: float = 10.0
-    look: Look = field(default_factory=Look)
+    display: DisplayOptions = field(default_factory=DisplayOptions)
 
-    def save(self, path: Path, say: Say | None = None) -> int:
-        """Write the film; the file appears when it is complete. Return the number of frames.
+    def save(self, path: Path, report_frame: ReportFrame | None = None) -> int:
+        """Write the film to `path`, and return the number of frames. The file appears when it is complete.
 
-        Raises PlotError, FieldError, OSError.
+        `report_frame` is called after each frame. Raises PlotError, FieldError, SnapshotError, OSError.
         """
         writer = writer_of(path)
         refuse_special(path)
-        files = files_of(self.source)
+        files = snapshot_files(self.source)
         if len(files) < 2:
             raise PlotError(f"{self.source}: a film needs several snapshots; expected the directory of a run")
-        if times_of(files[:1])[1].dimensions == 1:
-            raise PlotError(f"{self.source}: a run in one dimension has no map; expected `discsim plot --time`")
-        frames = self._frames(files, say)
+        if times_and_units(files[:1])[1].dimensions == 1:
+            raise PlotError(f"{self.source}: a run in one dimension has no map to film; use `discsim plot --time`")
+        frames = self._frames(files, report_frame)
         path.parent.mkdir(parents=True, exist_ok=True)
         with replace_atomically(path, path.suffix) as temporary:
             writer(temporary, frames, self.rate)
         return len(files)
 
-    def _frames(self, files: Sequence[Path], say: Say | None) -> Iterator[Image.Image]:
-        """Yield one frame per snapshot."""
+    def _frames(self, files: Sequence[Path], report_frame: ReportFrame | None) -> Iterator[Image.Image]:
+        """Yield the frame of each snapshot in `files`."""
         words = list(self.words) or compose.default_words(2)
         wanted = compose.matching_names(words)
-        names = compose.unique_names(compose.words_to_names(words, [read_for_fields(files[-1], wanted)]))
-        look, norms = self._common_look_and_ranges(files, names)
+        names = compose.unique_names(compose.available_names(words, [read_for_fields(files[-1], wanted)]))
+        # One window for all frames; it contains the windows of the first and the last snapshot.
+        display = self.display.common_to([read_for_fields(files[k], names) for k in (0, -1)], self.kind)
+        norms = self._colour_ranges(files, names, display)
         for number, file in enumerate(files, 1):
             snap = read_for_fields(file, names)
             head, titles = compose.titles_of([snap], [NamedSnapshot(file, run_name(self.source))])
-            made = KINDS[self.kind](snap, names, look)
-            rows = compose.picture_panels([made], titles, look, norms)
+            made = pictures.PICTURE_MAKERS[self.kind](snap, names, display)
+            rows = compose.picture_panels([made], titles, display, norms)
             content = io.BytesIO()
-            board = PanelFigure(head, rows, notes=compose.notes_of(names, look))
+            board = PanelFigure(head, rows, notes=compose.note_lines(names, display))
             board.figure().savefig(content, format="png", dpi=DPI, pil_kwargs={"compress_level": 1})
-            if say is not None:
-                say(number, len(files))
+            if report_frame is not None:
+                report_frame(number, len(files))
             yield Image.open(content).convert("RGB")
 
-    def _common_look_and_ranges(self, files: Sequence[Path], names: Sequence[str]) -> tuple[Look, dict[str, Normalize]]:
-        """Return the display options of all frames, and the colour range of each field.
-
-        The window is common to the first and last snapshot. The ranges come from at most SNAPSHOTS_FOR_RANGE
-        snapshots, spread evenly over the run.
-        """
+    def _colour_ranges(
+        self, files: Sequence[Path], names: Sequence[str], display: DisplayOptions
+    ) -> dict[str, Normalize]:
+        """Return the colour ranges by field, from at most SNAPSHOTS_FOR_RANGE snapshots spread evenly over the run."""
         chosen = np.unique(np.linspace(0, len(files) - 1, SNAPSHOTS_FOR_RANGE).round().astype(int))
-        look = self.look.shared([read_for_fields(files[k], names) for k in (0, -1)], self.kind)
-        coarse_look = Look(
-            look.window, look.limits, look.distance, look.optics, look.corners, look.ends, PIXELS_FOR_RANGE
-        )
-        seen: list[dict[str, Picture]] = [
-            KINDS[self.kind](read_for_fields(files[k], names), names, coarse_look) for k in chosen
-        ]
-        return look, {
-            name: compose.colour_range(look, norm_of([each[name] for each in seen]), seen[0][name]) for name in names
-        }
+        make, coarse = pictures.PICTURE_MAKERS[self.kind], replace(display, pixels=PIXELS_FOR_RANGE)
+        seen = [make(read_for_fields(files[k], names), names, coarse) for k in chosen]
+        return {name: compose.colour_range(display, [each[name] for each in seen]) for name in names}
 
 
 def default_path(film: Film) -> Path:
@@ -113,14 +104,14 @@ def default_path(film: Film) -> Path:
 
 
 def writer_of(path: Path) -> Callable[[Path, Iterator[Image.Image], float], None]:
-    """Return the function that writes the format of `path`. Raises PlotError."""
+    """Return the function that writes frames to a file with the suffix of `path`. Raises PlotError."""
     if path.suffix.lower() == ".gif":
         return _write_gif
     if path.suffix.lower() != ".mp4":
         raise PlotError(f"{path}: unknown film format; expected a name that ends in .mp4 or .gif")
     if not find_spec("imageio_ffmpeg"):
-        remedy = f"-o NAME.gif, or {install_command('movie')}"
-        raise PlotError(f"{path}: mp4 needs imageio-ffmpeg, which is not installed; expected {remedy}")
+        remedy = f"use -o NAME.gif, or run: {install_command('movie')}"
+        raise PlotError(f"{path}: mp4 needs imageio-ffmpeg, which is not installed; {remedy}")
     return _write_mp4
 
 

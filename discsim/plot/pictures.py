@@ -10,35 +10,34 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.colors import LogNorm, Normalize
 
-from discsim.output.drawing import Picture, body_marks, in_units, map_picture
+from discsim.output.drawing import Picture, axis_unit, body_marks, map_picture
 from discsim.output.fields.base import PlotError
-from discsim.output.fields.look import Look
-from discsim.output.fields.values import inner_radius, on_pixels, on_polar_pixels, smooth_profile
+from discsim.output.fields.display import DisplayOptions
+from discsim.output.fields.values import fields_on_pixels, fields_on_polar_pixels, inner_radius, smooth_profile
 from discsim.parts import FIELDS
-from discsim.plot.sources import read_for_fields, times_of
+from discsim.plot.sources import read_for_fields, times_and_units
 
 if TYPE_CHECKING:
     from discsim.output.snapshot import Snapshot
 
 Array = np.ndarray
-Pictures = dict[str, Picture]  # by name of field
-MakePictures = Callable[["Snapshot", Sequence[str], Look], Pictures]
+Pictures = dict[str, Picture]  # by name of the field
 
 
-def map_pictures(snap: Snapshot, names: Sequence[str], look: Look) -> Pictures:
-    """Return pictures of fields on the plane. Raises PlotError in 1D."""
-    _require_plane(snap)
-    window = look.map_window(snap)
-    binned = on_pixels(snap, window, look.pixels, look.optics)
-    return {name: map_picture(binned, name, window, look.arcsec(snap.units)) for name in names}
+def map_pictures(snap: Snapshot, names: Sequence[str], display: DisplayOptions) -> Pictures:
+    """Return pictures of the fields `names` in x and y. Raises PlotError in 1D."""
+    _require_two_dimensions(snap)
+    window = display.map_window(snap)
+    binned = fields_on_pixels(snap, window, display.pixels, display.optics)
+    return {name: map_picture(binned, name, window, display.arcsec_per_au(snap.units)) for name in names}
 
 
-def polar_pictures(snap: Snapshot, names: Sequence[str], look: Look) -> Pictures:
-    """Return pictures of fields in azimuth and radius. Raises PlotError in 1D."""
-    _require_plane(snap)
-    inner, outer = look.radii(snap, 0.9 * inner_radius(snap))
-    binned = on_polar_pixels(snap, inner, outer, look.pixels, look.optics)
-    length, unit = in_units(snap, "length")
+def polar_pictures(snap: Snapshot, names: Sequence[str], display: DisplayOptions) -> Pictures:
+    """Return pictures of the fields `names` in azimuth and radius. Raises PlotError in 1D."""
+    _require_two_dimensions(snap)
+    inner, outer = display.radii(snap, 0.9 * inner_radius(snap))
+    binned = fields_on_polar_pixels(snap, inner, outer, display.pixels, display.optics)
+    length, unit = axis_unit(snap, "length")
     sides = np.array([-180.0, 180.0]), length * np.array([inner, outer])
     labels = r"$\varphi$ [deg]", f"r{unit}"
     marks = [
@@ -52,18 +51,25 @@ def polar_pictures(snap: Snapshot, names: Sequence[str], look: Look) -> Pictures
     }
 
 
-def time_pictures(files: Sequence[Path], names: Sequence[str], look: Look) -> Pictures:
-    """Return pictures of fields in radius (in 1D position) and time, from the snapshots of a run.
+# Functions that return the pictures of a snapshot, by kind.
+PICTURE_MAKERS: dict[str, Callable[[Snapshot, Sequence[str], DisplayOptions], Pictures]] = {
+    "map": map_pictures,
+    "polar": polar_pictures,
+}
 
-    The range of radii is that of the first snapshot.
+
+def time_pictures(files: Sequence[Path], names: Sequence[str], display: DisplayOptions) -> Pictures:
+    """Return pictures of the fields `names` in radius (in 1D position) and time, from the snapshots `files` of a run.
+
+    By default the range of radii is that of the disc in the first snapshot.
     """
     first, rows = read_for_fields(files[0], names), []
     edges = np.empty(0)
     for path in files:
-        edges, binned = smooth_profile(read_for_fields(path, names), look.radii(first), look.optics)
+        edges, binned = smooth_profile(read_for_fields(path, names), display.radii(first), display.optics)
         rows.append([FIELDS[name].factor(first.units) * binned[name] for name in names])
-    (length, unit), (year, time_unit) = in_units(first, "length"), in_units(first, "time")
-    between = year * time_edges(np.array(times_of(files)[0]))
+    (length, unit), (year, time_unit) = axis_unit(first, "length"), axis_unit(first, "time")
+    between = year * time_edges(np.array(times_and_units(files)[0]))
     labels = f"{'r' if first.dimensions == 2 else 'x'}{unit}", f"t{time_unit}"
     return {
         name: Picture(first, name, np.array([row[k] for row in rows]), length * edges, between, labels)
@@ -72,25 +78,26 @@ def time_pictures(files: Sequence[Path], names: Sequence[str], look: Look) -> Pi
 
 
 def time_edges(times: Array) -> Array:
-    """Return edges (n + 1,) of time bins: halfway between successive times (n,), and at the first and last time.
+    """Return the edges (n + 1,) of bins around the times (n,) of snapshots.
 
-    A single time gets a bin of width 1.
+    The edges lie halfway between successive times, and at the first and last time. A single time gets a bin of width 1.
     """
     if len(times) == 1:
         return times[0] + np.array([-0.5, 0.5])
     return np.concatenate([times[:1], (times[1:] + times[:-1]) / 2, times[-1:]])
 
 
-def _require_plane(snap: Snapshot) -> None:
+def _require_two_dimensions(snap: Snapshot) -> None:
     """Raise PlotError for a 1D snapshot."""
     if snap.dimensions == 1:
-        raise PlotError("a run in one dimension has no map; expected --profile, --time or --against")
+        raise PlotError("a run in one dimension has no map; use --profile, --time or --against")
 
 
 def comparison(one: Picture, other: Picture) -> tuple[Picture, Normalize, str]:
-    """Return the comparison of two pictures of a field, with its colour range and label. Raises PlotError.
+    """Return a picture that compares two pictures of a field, its colour range and its label.
 
-    It is the ratio other / one for fields with a logarithmic scale, else the difference other - one.
+    Its values are the ratio other / one for a field with a logarithmic scale, else the difference other - one. Raises
+    PlotError if the two pictures have different pixels.
     """
     if one.values.shape != other.values.shape or not all(
         np.allclose(a, b) for a, b in zip((one.x, one.y), (other.x, other.y), strict=True)

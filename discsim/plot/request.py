@@ -1,4 +1,4 @@
-"""Figures of the command `discsim plot`: choice of snapshots, fields and kind of figure, and the file written."""
+"""Figures of the command `discsim plot`: snapshots, fields and kind of a figure, and the writing of its file."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 
 from discsim.output.drawing import figure_text
 from discsim.output.fields.base import PlotError
-from discsim.output.fields.look import Look
+from discsim.output.fields.display import DisplayOptions
 from discsim.output.files import refuse_special, replace_atomically
-from discsim.output.snapshot import files_of
+from discsim.output.snapshot import snapshot_files
 from discsim.plot import compose, pictures
 from discsim.plot.compose import PanelFigure
-from discsim.plot.sources import read_for_fields, run_directory, run_name, select_snapshots, times_of
+from discsim.plot.sources import read_for_fields, run_directory, run_name, select_snapshots, times_and_units
 from discsim.version import __version__
 
 if TYPE_CHECKING:
@@ -30,9 +30,9 @@ FORMATS = (".png", ".pdf", ".svg")
 class Request:
     """A request for a figure.
 
-    `sources` are directories of runs or snapshots, `words` names of fields with or without species. `kind` is one of
-    KINDS; None is a map, or a profile in 1D. `at` are times as texts. `against` is the field on the x axis of a
-    phase plot. `compare` adds the ratio (or difference) of the second source and the first.
+    `sources` are directories of runs, or snapshots. `words` are names of fields with or without species. `kind` is one
+    of KINDS; None stands for a map, or in 1D for a profile. `at` are times as texts. `against` is the field on the x
+    axis of a phase plot. `compare` adds the ratio of the second source to the first, or their difference.
     """
 
     sources: Sequence[Path]
@@ -41,22 +41,22 @@ class Request:
     at: Sequence[str] = ()
     against: str | None = None
     compare: bool = False
-    look: Look = field(default_factory=Look)
+    display: DisplayOptions = field(default_factory=DisplayOptions)
 
     def figure(self) -> Figure:
-        """Return the figure. Raises PlotError, FieldError, SnapshotError."""
+        """Return the matplotlib figure. Raises PlotError, FieldError, SnapshotError."""
         self._refuse_unused_options()
         return (self._panels_against_time() if self.kind == "time" else self._panels_of_snapshots()).figure()
 
     def _refuse_unused_options(self) -> None:
         """Raise PlotError for an option that this kind of figure does not use."""
         if self.at and self.kind == "time":
-            raise PlotError("--at: --time uses all snapshots; expected only one of the two")
-        if self.look.distance is not None and self.kind not in (None, "map"):
-            raise PlotError("--distance: used only for maps; expected a map, or no --distance")
-        if self.look.window is not None and self.kind == "phase":
-            raise PlotError("--window: not used with --against; expected only one of the two")
-        if self.look.optics is not None and not {"emission", "optical_depth"} & set(self.words):
+            raise PlotError("--at: --time uses all snapshots; leave out --at or --time")
+        if self.display.distance is not None and self.kind not in (None, "map"):
+            raise PlotError("--distance: used only for maps in x and y; leave it out")
+        if self.display.window is not None and self.kind == "phase":
+            raise PlotError("--window: not used with --against; leave out one of the two")
+        if self.display.optics is not None and not {"emission", "optical_depth"} & set(self.words):
             raise PlotError(
                 "--wavelength and --opacity: used only by emission and optical_depth; expected --field with one "
                 "of these"
@@ -66,58 +66,55 @@ class Request:
         """Return the panels of a figure of single snapshots. Raises PlotError."""
         found = select_snapshots(self.sources, self.at)
         if self.compare and len(found) != 2:
-            raise PlotError("--compare: compares two snapshots; expected one DIR or FILE, and at most one --at")
+            raise PlotError("--compare: compares one snapshot with another; give one DIR or FILE, and at most one --at")
         names, snaps = self._read_snapshots([each.path for each in found])
         head, titles = compose.titles_of(snaps, found)
         kind = self.kind or ("map" if snaps[0].dimensions == 2 else "profile")
         if self.compare and kind in ("profile", "phase"):
-            raise PlotError("--compare: used only for maps, --polar and --time; expected the two runs as DIR DIR")
+            raise PlotError(
+                "--compare: used only for maps, --polar and --time; leave it out, and give the two runs as DIR DIR"
+            )
         fields = compose.unique_names(names)
         if kind == "phase":
-            return PanelFigure(
-                head,
-                compose.phase_panels(snaps, fields, self.against or "radius", titles, self.look),
-                has_titles=any(titles),
-                extra_space=0.4,
-            )
-        look = self.look.shared(snaps, kind)
+            rows = compose.phase_panels(snaps, fields, self.against or "radius", titles, self.display)
+            return PanelFigure(head, rows, has_titles=any(titles), extra_space=0.4)
+        display = self.display.common_to(snaps, kind)
         if kind == "profile":
-            rows = compose.profile_panels(snaps, names, titles, look)
-            return PanelFigure(head, rows, compose.PROFILE_WIDTH, compose.notes_of(fields, look))
-        make: pictures.MakePictures = {"map": pictures.map_pictures, "polar": pictures.polar_pictures}[kind]
-        made = [make(snap, fields, look) for snap in snaps]
-        rows = compose.picture_panels(made, titles, look, compare=self.compare)
-        return PanelFigure(head, rows, notes=compose.notes_of(fields, look, made), has_titles=any(titles))
+            rows = compose.profile_panels(snaps, names, titles, display)
+            return PanelFigure(head, rows, compose.PROFILE_WIDTH, compose.note_lines(fields, display))
+        made = [pictures.PICTURE_MAKERS[kind](snap, fields, display) for snap in snaps]
+        rows = compose.picture_panels(made, titles, display, compare=self.compare)
+        return PanelFigure(head, rows, notes=compose.note_lines(fields, display, made), has_titles=any(titles))
 
     def _panels_against_time(self) -> PanelFigure:
         """Return the panels of a figure against time. Raises PlotError."""
-        runs = [(files_of(source), run_name(source)) for source in self.sources]
+        runs = [(snapshot_files(source), run_name(source)) for source in self.sources]
         if min(len(files) for files, _ in runs) < 2:
-            raise PlotError("--time: needs all snapshots of a run; expected the directory of the run")
+            raise PlotError("--time: needs at least two snapshots of each run; expected directories of runs")
         names, snaps = self._read_snapshots([files[0] for files, _ in runs])
-        fields, look = compose.unique_names(names), self.look.shared(snaps, "time")
-        made = [pictures.time_pictures(files, fields, look) for files, _ in runs]
+        fields, display = compose.unique_names(names), self.display.common_to(snaps, "time")
+        made = [pictures.time_pictures(files, fields, display) for files, _ in runs]
         titles = [figure_text(name) for _, name in runs] if len(runs) > 1 else [""]
         head = figure_text(snaps[0].title) if len(runs) == 1 else ""
-        rows = compose.picture_panels(made, titles, look, compare=self.compare)
-        return PanelFigure(head, rows, notes=compose.notes_of(fields, look), has_titles=any(titles))
+        rows = compose.picture_panels(made, titles, display, compare=self.compare)
+        return PanelFigure(head, rows, notes=compose.note_lines(fields, display), has_titles=any(titles))
 
     def _read_snapshots(self, paths: Sequence[Path]) -> tuple[list[list[str]], list[Snapshot]]:
-        """Return the names of fields for each of the words, and the snapshots with the columns that these need.
+        """Return the names of fields for each of the words, and the snapshots with the columns that these fields need.
 
-        Names that only some of the snapshots have are left out. Raises PlotError.
+        Names that only some of the snapshots have are left out. Raises PlotError, FieldError, SnapshotError.
         """
-        every = [times_of([path])[1] for path in paths]
-        if any(vars(units) != vars(every[0]) for units in every):
-            raise PlotError("the runs have different dimensions or units; expected the same for all runs")
-        words = list(self.words) or compose.default_words(every[0].dimensions)
+        units = [times_and_units([path])[1] for path in paths]
+        if any(vars(each) != vars(units[0]) for each in units):
+            raise PlotError("the runs have different dimensions or units; draw each of them in its own figure")
+        words = list(self.words) or compose.default_words(units[0].dimensions)
         wanted = compose.matching_names([*words, *([self.against or "radius"] if self.kind == "phase" else [])])
         snaps = [read_for_fields(path, wanted) for path in paths]
-        return compose.words_to_names(words, snaps), snaps
+        return compose.available_names(words, snaps), snaps
 
 
 def default_path(request: Request, ending: str = ".png") -> Path:
-    """Return the default path of a figure: in the folder "plots" of the first run, or next to a single snapshot."""
+    """Return the default path of a figure: in the folder "plots" of the first run, or next to a file outside a run."""
     first = request.sources[0]
     directory = run_directory(first)
     words = "-".join(request.words) or "surface_density"
@@ -129,9 +126,9 @@ def default_path(request: Request, ending: str = ".png") -> Path:
 
 
 def save(make: Callable[[], Figure], path: Path) -> None:
-    """Create a figure and write it; the file appears when it is complete.
+    """Write the figure that `make` returns to `path`. The file appears when it is complete.
 
-    Raises PlotError for an unknown format, OSError.
+    Raises PlotError for an unknown format, before `make` is called, and OSError.
     """
     if path.suffix.lower() not in FORMATS:
         raise PlotError(f"{path}: unknown figure format; expected a name that ends in {', '.join(FORMATS)}")

@@ -10,8 +10,8 @@ import numpy as np
 
 from discsim.output import hdf5
 from discsim.output.fields.base import PlotError
-from discsim.output.fields.names import columns
-from discsim.output.snapshot import Snapshot, SnapshotError, files_of, read_snapshot
+from discsim.output.fields.names import needed_columns
+from discsim.output.snapshot import Snapshot, SnapshotError, read_snapshot, snapshot_files
 from discsim.output.snapshot_entries import time_of, units_of
 from discsim.scene.units import UnitError, Units
 
@@ -27,7 +27,10 @@ class NamedSnapshot:
 
 
 def run_directory(source: Path) -> Path | None:
-    """Return the run's directory that `source` is or lies in; None for a file that is not in a folder "snapshots"."""
+    """Return the directory of the run that `source` belongs to; None for a file outside a run.
+
+    `source` may be the directory of a run, its folder "snapshots", or a file in this folder.
+    """
     if source.is_dir():
         return source.parent if source.resolve().name == "snapshots" else source
     return source.resolve().parent.parent if source.resolve().parent.name == "snapshots" else None
@@ -40,21 +43,24 @@ def run_name(source: Path) -> str:
 
 
 def select_snapshots(sources: Iterable[Path], at: Sequence[str] = ()) -> list[NamedSnapshot]:
-    """Return the last snapshot of each source, or its snapshot nearest to each time in `at`.
+    """Return the last snapshot of each source; with times `at`, for each time the snapshot nearest to it.
 
-    Raises PlotError, SnapshotError.
+    Raises PlotError for an invalid time, SnapshotError.
     """
     found = []
     for source in sources:
-        files = files_of(source)
+        files = snapshot_files(source)
         picked = [nearest_snapshot(files, text) for text in at] if at else files[-1:]
         found += [NamedSnapshot(path, run_name(source)) for path in picked]
     return found
 
 
 def nearest_snapshot(files: Sequence[Path], text: str) -> Path:
-    """Return the snapshot nearest to a time: a text like "700 yr", or a number in code units. Raises PlotError."""
-    times, units = times_of(files)
+    """Return the snapshot whose time is nearest to `text`: "700 yr", or a number in code units like "3.5".
+
+    Raises PlotError if `text` is no time.
+    """
+    times, units = times_and_units(files)
     try:
         wanted = units.of_text(text, "time")
     except UnitError as error:
@@ -62,21 +68,21 @@ def nearest_snapshot(files: Sequence[Path], text: str) -> Path:
     return files[int(np.abs(np.array(times) - wanted).argmin())]
 
 
-def times_of(files: Sequence[Path]) -> tuple[list[float], Units]:
-    """Return the times of the files in code units, and the units of the first file. Raises SnapshotError."""
+def times_and_units(files: Sequence[Path]) -> tuple[list[float], Units]:
+    """Return the times of the snapshots `files` in code units, and the units of the first. Raises SnapshotError."""
     times, units = [], Units("code")
     for path in files:
-        with hdf5.reading(path, SnapshotError, "snapshot") as file:
+        with hdf5.open_file_of_kind(path, SnapshotError, "snapshot") as file:
             times.append(time_of(file))
             units = units_of(file) if len(times) == 1 else units
     return times, units
 
 
 def read_for_fields(source: Source, names: Iterable[str]) -> Snapshot:
-    """Return a snapshot in the frame of the disc's centre, with the columns that the fields `names` need.
+    """Return a snapshot relative to the disc's centre, with the columns that the fields `names` need.
 
-    From a directory the last snapshot is read.
+    `source` is a file, a directory of a run (its last snapshot), or a Snapshot, whose columns stay as they are.
     """
     if isinstance(source, Snapshot):
         return source.about_centre()
-    return read_snapshot(files_of(source)[-1], columns(names)).about_centre()
+    return read_snapshot(snapshot_files(source)[-1], needed_columns(names)).about_centre()

@@ -47,7 +47,7 @@ def write(comm: Comm, path: Path, divided: bool, fill: Callable[[Any], None], be
     try:
         raise_together(comm, lambda: fill(part.create))
         lengths = comm.mpi.gather(part.lengths)
-        on_root(comm, lambda: part.join(path, before, lengths))
+        on_root(comm, lambda: part.write_master(path, before, lengths))
     except Exception:
         part.discard()
         raise

@@ -1,4 +1,4 @@
-"""Figures of the report as PNG data: snapshots drawn as in `last_state.png`, and columns of history.csv."""
+"""Figures of the report, as PNG data in text: snapshots drawn as in `last_state.png`, and columns of history.csv."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from PIL import Image
 
 from discsim.output.figure import last_state_figure
 from discsim.output.snapshot import read_snapshot
-from discsim.report.totals import Totals
+from discsim.report.conservation import ConservedQuantity
 from discsim.scene import Scene
 
-MIN_CHANGE = 1e-17  # smallest relative change that is drawn, below floating-point precision
+MIN_CHANGE = 1e-17  # smaller relative changes are drawn at this value, which is below floating-point precision
 
 
 class Picture(NamedTuple):
-    """A figure of the page: `data` (a PNG in base64), `alt` (the text alternative) and `caption`."""
+    """A figure of the page. `data` is a PNG in base64, and `alt` the text that replaces it for screen readers."""
 
     data: str
     alt: str
@@ -31,7 +31,7 @@ class Picture(NamedTuple):
 
 
 def snapshot_figure(path: Path) -> Picture:
-    """Return the figure of the snapshot file `path`."""
+    """Return the figure `last_state.png` for the snapshot in the file `path`."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "picture.png"
         last_state_figure(path, file)
@@ -43,10 +43,10 @@ def snapshot_figure(path: Path) -> Picture:
     return Picture(_base64_text(data.getvalue()), f"{kinds} at t = {when}", f"Snapshot {path.stem}, t = {when}.")
 
 
-def history_figures(scene: Scene, rows: list[dict[str, str]], found: list[Totals]) -> list[Picture]:
-    """Return two figures against time: relative changes of the conserved quantities, and the time step.
+def history_figures(scene: Scene, rows: list[dict[str, str]], found: list[ConservedQuantity]) -> list[Picture]:
+    """Return two figures against time: relative changes of the conserved quantities `found`, and the time step.
 
-    rows: rows of history.csv. found: the conserved quantities from `totals`.
+    rows: rows of history.csv by column.
     """
     time, dt = (np.array([float(row[name]) for row in rows]) for name in ("time", "dt"))
     unit = ""
@@ -59,8 +59,8 @@ def history_figures(scene: Scene, rows: list[dict[str, str]], found: list[Totals
     first.set(yscale="log", ylim=(0.5 * MIN_CHANGE, None))
     first.legend(frameon=False, fontsize=8)
     steps, second = _new_axes(f"t{unit}", f"step{unit}")
-    made = dt > 0.0
-    second.plot(time[made], dt[made], ".-", ms=3, lw=0.8, color="tab:gray")
+    after_step = dt > 0.0
+    second.plot(time[after_step], dt[after_step], ".-", ms=3, lw=0.8, color="tab:gray")
     second.set(ylim=(0.0, None))
     return [
         Picture(_png_text(changes), "changes of totals against time", "Changes of totals."),
@@ -69,6 +69,7 @@ def history_figures(scene: Scene, rows: list[dict[str, str]], found: list[Totals
 
 
 def _new_axes(x: str, y: str) -> tuple[Figure, Axes]:
+    """Return a new figure and its axes, with the labels `x` and `y`."""
     figure = Figure(figsize=(4.8, 3.4), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
@@ -78,6 +79,7 @@ def _new_axes(x: str, y: str) -> tuple[Figure, Axes]:
 
 
 def _png_text(figure: Figure) -> str:
+    """Return a figure as a PNG in base64."""
     out = io.BytesIO()
     figure.savefig(out, format="png", dpi=130)
     return _base64_text(out.getvalue())

@@ -23,7 +23,7 @@ from discsim.preview.derived import derived_rows
 from discsim.preview.reference import docstring, paragraphs, split_code
 from discsim.printable import UserError, printable, printable_lines
 from discsim.report import figures
-from discsim.report.totals import totals
+from discsim.report.conservation import conserved_quantities
 from discsim.scene import Scene, load_scene
 from discsim.scene.units import clock
 from discsim.study.outcomes import read_results, select_outcomes
@@ -34,13 +34,13 @@ LIBRARIES = ("numpy", "numba", "scipy", "astropy", "h5py", "matplotlib")
 
 
 class ReportError(UserError):
-    """Error for a directory that contains no run; the message has the reason."""
+    """Error for a directory without the files of a run; the message has the reason."""
 
 
 def write_report(directory: Path, path: Path) -> None:
-    """Write the report of the run in `directory` to the file `path`.
+    """Write the report of the run in `directory` to the HTML file `path`.
 
-    Raises UserError if there is no run with a readable scene and history, and OSError.
+    Raises UserError if scene.toml, history.csv or the snapshots are missing or damaged, and OSError.
     """
     refuse_special(path)
     snapshots = sorted((directory / "snapshots").glob("*.h5"))
@@ -54,7 +54,7 @@ def write_report(directory: Path, path: Path) -> None:
         loader=jinja2.PackageLoader("discsim.report", "."), autoescape=True, undefined=jinja2.StrictUndefined,
         finalize=_printable_text, trim_blocks=True, lstrip_blocks=True,
     )  # fmt: skip
-    found = totals(scene, rows)
+    found = conserved_quantities(scene, rows)
     text = environment.get_template("page.html.j2").render(
         title=scene.title or printable(directory.resolve().name),
         directory=printable(directory),
@@ -81,6 +81,7 @@ def _printable_text(value: object) -> object:
 
 
 def _fact_rows(scene: Scene, rows: list[dict[str, str]]) -> Iterator[tuple[str, str]]:
+    """Yield names and values for the table at the top of the page; `rows` are the rows of history.csv by column."""
     show, last = scene.units.show_time, float(rows[-1]["time"])
     ended = "finished" if last >= (1.0 - 1e-9) * scene.run.until else f"not at its end, {show(scene.run.until)}"
     yield "time", f"{show(float(rows[0]['time']))} to {show(last)}; {ended}"
@@ -94,15 +95,16 @@ def _fact_rows(scene: Scene, rows: list[dict[str, str]]) -> Iterator[tuple[str, 
 
 
 def _outcome_rows(directory: Path, scene: Scene) -> list[tuple[str, str]]:
+    """Return names and values of the results that `discsim sweep` tabulates by default for such a scene."""
     wanted = select_outcomes(scene)
     values = read_results(directory, scene, wanted).values
     return [(each.head, f"{values[each.name]:.4g}") for each in wanted]
 
 
 def _effect_sections(scene: Scene) -> Iterator[dict[str, Any]]:
-    """Yield each effect of the scene as a dict: name, keys with values, and paragraphs of its documentation.
+    """Yield a dict for each effect of the scene: its name, its keys with values, and its documentation.
 
-    blocks: a pair (is an equation, text) for each paragraph.
+    The entry "blocks" has a pair for each paragraph of the documentation: True for an equation, and the text.
     """
     keys: dict[str, list[str]] = {}
     for name, text in effect_lines(scene):
@@ -129,22 +131,25 @@ def _cost_rows(path: Path) -> list[dict[str, Any]]:
 
 
 def _duration_text(value: float) -> str:
+    """Return a duration in seconds as text."""
     return f"{value:.3g} s" if value < 10.0 else clock(value)
 
 
 def _log_lines(path: Path) -> list[str]:
+    """Return the lines of run.log; [] if the file does not exist."""
     return read_text(path, "replace").splitlines() if path.exists() else []
 
 
 def _log_warnings(log: Path) -> list[str]:
-    """Return the warnings in run.log, and the reason if the run was stopped, each once."""
+    """Return the warnings in run.log without repetitions, and the reason if the run was stopped."""
     lines = _log_lines(log)
-    told = [line.removeprefix("warning: ") for line in lines if line.startswith("warning: ")]
+    warnings = [line.removeprefix("warning: ") for line in lines if line.startswith("warning: ")]
     stopped = [line for line in lines[-2:] if line.startswith(("interrupted by", "stopped by", "out of memory"))]
-    return list(dict.fromkeys([*told, *stopped]))
+    return list(dict.fromkeys([*warnings, *stopped]))
 
 
 def _version_rows(log: Path) -> list[tuple[str, str]]:
+    """Return the versions of discsim in the run and now, and the present versions of Python and of libraries."""
     first = next(iter(_log_lines(log)), "").partition(":")[0]
     run = first.removeprefix("discsim ") if first.startswith("discsim ") else "not known"
     here = [("Python", platform.python_version()), *((name, version(name)) for name in LIBRARIES)]

@@ -36,7 +36,7 @@ class Branch(NamedTuple):
     @property
     def words(self) -> str:
         """Text about the snapshot, its time and the changes, one line each."""
-        when = self.scene.initial.file.time_words
+        when = self.scene.initial.file.time_text
         return "\n  ".join(
             [f"branch of {printable(self.snapshot)} at t = {when}, with", *(self.changes or ["nothing changed"])]
         )

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from discsim.output import hdf5
-from discsim.output.checkpoint import CheckpointError, Values, checked_checkpoint
-from discsim.output.files import renamed
+from discsim.output.checkpoint import CheckpointError, Values, check_checkpoint
+from discsim.output.files import rename_file
 from discsim.output.snapshot import SnapshotError
 from discsim.output.snapshot_entries import time_of
 from discsim.run.directory import CHECKPOINTS
@@ -31,11 +31,11 @@ class Checkpoints:
         Raises CheckpointError if neither checkpoint can be read.
         """
         try:
-            return checked_checkpoint(self.last)
+            return check_checkpoint(self.last)
         except CheckpointError as fault:
             self.chosen, self.fault = self.before, str(fault)
         try:
-            return checked_checkpoint(self.before)
+            return check_checkpoint(self.before)
         except CheckpointError as fault:
             both = f"{self.fault}; {fault}" if self.before.exists() else self.fault
             raise CheckpointError(both) from None
@@ -47,7 +47,7 @@ class Checkpoints:
         Resuming removes the snapshots numbered `number` and above, so each must be later than `put_out`.
         """
         for path in later_snapshots(folder, number):
-            with suppress(SnapshotError), hdf5.reading(path, SnapshotError, "snapshot") as file:
+            with suppress(SnapshotError), hdf5.open_file_of_kind(path, SnapshotError, "snapshot") as file:
                 if time_of(file) <= put_out:
                     wrong = f"damaged checkpoint: it counts only {number} snapshots, but {path} is older than it"
                     raise CheckpointError(f"{self.chosen}: {wrong}; resume from another checkpoint")
@@ -55,7 +55,7 @@ class Checkpoints:
     def settle(self) -> None:
         """Rename the chosen checkpoint to `last`, so that the next checkpoint does not overwrite it."""
         if self.chosen != self.last:
-            renamed(self.chosen, self.last)
+            rename_file(self.chosen, self.last)
             self.chosen = self.last
 
 

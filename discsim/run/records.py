@@ -9,7 +9,7 @@ from discsim.effects.base import Effect
 from discsim.numerics.state import State
 from discsim.output import companions
 from discsim.output.checkpoint import Values
-from discsim.output.history import History, columns_of, history_row, rows_until
+from discsim.output.history import History, history_columns, history_row, rows_until
 from discsim.scene import Scene
 
 # For each table: name of its number of rows in a checkpoint, file and columns.
@@ -22,7 +22,7 @@ class Records:
 
     def __init__(self, scene: Scene, directory: Path) -> None:
         self.directory = directory
-        self.tables = [(*HISTORY, columns_of(scene))] + ([COMPANIONS] if companions.has_companions(scene) else [])
+        self.tables = [(*HISTORY, history_columns(scene))] + ([COMPANIONS] if companions.has_companions(scene) else [])
         self._rows: dict[str, list[list[str]]] = {}
         self._files: dict[str, History] = {}
 

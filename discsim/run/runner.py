@@ -15,8 +15,8 @@ from discsim.effects.base import kick_effect_name
 from discsim.initial import start_time
 from discsim.jit import cache
 from discsim.output import hdf5
-from discsim.output.checkpoint import OtherVersionWarning, Scalar, Values, other_version, write_checkpoint
-from discsim.output.files import command, replace_atomically
+from discsim.output.checkpoint import OtherVersionWarning, Scalar, Values, other_version_warning, write_checkpoint
+from discsim.output.files import command_line, replace_atomically
 from discsim.output.open_step import open_step_of
 from discsim.output.parts import remove_unused_parts
 from discsim.output.snapshot import write_snapshot
@@ -222,7 +222,7 @@ class Run:
         if self.checkpoints.fault:
             goes_on = f"the run resumes from {self.checkpoints.chosen}, at t = {self._time_text(reached)}"
             self.progress.say(f"warning: {self.checkpoints.fault}; {goes_on}")
-        if remark := other_version(values):
+        if remark := other_version_warning(values):
             self.progress.say(f"warning: {remark}")
         return reached
 
@@ -232,7 +232,7 @@ class Run:
     def _announce(self, locked: bool) -> None:
         say = self.progress.say
         say(f"discsim {__version__}: {self.scene.title or 'untitled scene'}, into {self.directory}")
-        say(f"command: {command()}")
+        say(f"command: {command_line()}")
         say(f"effects: {', '.join(self.scene.effects)}")
         for name, text in effect_rows(self.scene):
             say(f"{name}: {text}")

@@ -32,7 +32,7 @@ from discsim.output.checkpoint import (
     OtherVersionWarning,
     Scalar,
     Values,
-    other_version,
+    other_version_warning,
     read_checkpoint,
     write_checkpoint,
 )
@@ -471,7 +471,7 @@ class Simulation(Summarised):
             raise CheckpointError(
                 f"{path}: damaged checkpoint, or written by another version of discsim: {fault}"
             ) from None
-        if remark := other_version(values):  # before anything is set, as a filter may raise it as an exception
+        if remark := other_version_warning(values):  # before anything is set, as a filter may raise it as an exception
             warnings.warn(remark, OtherVersionWarning, stacklevel=2)
         for name, arrays in found.particles.items():
             for array_name, array in arrays.items():

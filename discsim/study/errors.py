@@ -13,7 +13,7 @@ import numpy as np
 
 from discsim.initial import start_of
 from discsim.initial.measure import ErrorMeasure
-from discsim.output.history import columns_of, history_row
+from discsim.output.history import history_columns, history_row
 from discsim.physics.eos import eos_of
 from discsim.run.simulation import Simulation
 from discsim.scene import Scene
@@ -74,7 +74,8 @@ def totals(sim: Simulation) -> dict[str, float]:
     else 0; "held" is the same for energy.
     """
     with sim.closed() as state:
-        row: dict[str, Any] = dict(zip(columns_of(sim.scene), history_row(state, sim.effects, 0.0, ""), strict=True))
+        entries = history_row(state, sim.effects, 0.0, "")
+        row: dict[str, Any] = dict(zip(history_columns(sim.scene), entries, strict=True))
         species = state.species.values()
         moved, spun = 0.0, 0.0
         for p in species:

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from discsim.output.costtable import read_costs
-from discsim.output.history import TEXT_COLUMNS, columns_of, read_history
+from discsim.output.history import TEXT_COLUMNS, history_columns, read_history
 from discsim.output.snapshot import SnapshotParticles, read_snapshot
 from discsim.scene import Scene, near
 from discsim.study.errors import is_disc
@@ -61,7 +61,7 @@ class Outcome(NamedTuple):
 def outcomes_of(scene: Scene) -> dict[str, Outcome]:
     """Return all kinds of results that runs of the scene have, by name."""
     dimensions: dict[str, str] = {}
-    for column in columns_of(scene):
+    for column in history_columns(scene):
         if column not in TEXT_COLUMNS:
             found = [dimension for start, dimension in COLUMNS.items() if column.startswith(start)]
             dimensions[column] = found[0] if found else ""

@@ -17,7 +17,7 @@ import numpy as np
 from rich.console import Console
 
 from discsim.effects.base import SORT_EVERY
-from discsim.output.files import appended, replace_atomically
+from discsim.output.files import open_to_append, replace_atomically
 from discsim.run.progress import LINE_EVERY
 from discsim.scene import Scene, SceneError, load_scene
 from discsim.study.points import Settings, StudyError, label_of
@@ -116,7 +116,7 @@ class Runs:
 
     def record(self, settings: Settings, run: dict[str, Any]) -> None:
         """Append a run to the record."""
-        with appended(self.directory / RUNS) as file:
+        with open_to_append(self.directory / RUNS) as file:
             file.write((json.dumps({"settings": settings, **run}) + "\n").encode())
 
     def make(

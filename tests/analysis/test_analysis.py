@@ -9,7 +9,7 @@ from scipy.ndimage import gaussian_filter
 
 from discsim.exact import dustywave, riemann
 from discsim.numerics.state import Dust, Gas
-from discsim.output.bins import CUTOFF, gaussians, range_of_mass
+from discsim.output.bins import CUTOFF, density_range, gaussians
 from discsim.output.figure import last_state_figure
 from discsim.output.snapshot import SnapshotError, read_snapshot, write_snapshot
 from discsim.scene import load_scene
@@ -198,13 +198,13 @@ def test_figure_of_a_sheet(tmp_path):
 def test_range_of_mass():
     """The last per cent of the mass, outliers and zeros do not set the colours."""
     sigma = np.append(np.full(1000, 5.0), [0.0, 1e-9, 5.0])
-    low, high = range_of_mass(sigma)
+    low, high = density_range(sigma)
     assert (low, high) == pytest.approx((5 / 1.05, 5 * 1.05))
-    low, high = range_of_mass(np.logspace(-9, 0, 1000))
+    low, high = density_range(np.logspace(-9, 0, 1000))
     assert high == pytest.approx(1.0)
     # 99% of a geometric series is in its last two decades.
     assert low == pytest.approx(0.5e-2, rel=0.05)
-    assert range_of_mass(np.zeros(4)) == (0.1, 1.0)
+    assert density_range(np.zeros(4)) == (0.1, 1.0)
 
 
 def test_figure_of_a_damaged_snapshot(tmp_path):

@@ -10,7 +10,7 @@ from discsim import Simulation, load_scene
 from discsim.effects.growth import GROWTH_STEP, Effect
 from discsim.formulas import laws
 from discsim.numerics.state import SubcycleClock
-from discsim.output.history import columns_of, history_row
+from discsim.output.history import history_columns, history_row
 from discsim.preview.derived import gas_at_start
 from discsim.scene import SceneError
 
@@ -19,7 +19,7 @@ ROOT = np.sqrt(2.0 * np.pi)
 
 def row_of(sim):
     with sim.synchronised() as state:
-        return dict(zip(columns_of(sim.scene), history_row(state, sim.effects, 0.0, ""), strict=True))
+        return dict(zip(history_columns(sim.scene), history_row(state, sim.effects, 0.0, ""), strict=True))
 
 
 def masses(sim):

@@ -69,7 +69,7 @@ def test_without_a_tool_one_is_told(tmp_path, rng, monkeypatch, tool):
 @pytest.mark.parametrize("tool", ["yt", "pynbody", "sarracen"])
 def test_one_dimension_is_refused(tmp_path, rng, tool):
     snap = written(tmp_path, WAVE, gas_of(rng, 30, 1), None)
-    with pytest.raises(ValueError, match=rf"to_{tool}\(\) needs a snapshot in two dimensions.*expected to_pandas\(\)"):
+    with pytest.raises(ValueError, match=rf"to_{tool}\(\) needs a snapshot in two dimensions.*use to_pandas\(\)"):
         getattr(snap, f"to_{tool}")()
 
 

@@ -7,8 +7,8 @@ import pytest
 
 from discsim.numerics.state import Dust
 from discsim.output import figure
-from discsim.output.drawing import map_picture, norm_of
-from discsim.output.fields.values import on_pixels
+from discsim.output.drawing import common_norm, map_picture
+from discsim.output.fields.values import fields_on_pixels
 from discsim.output.snapshot import SnapshotParticles, read_snapshot, write_snapshot
 from discsim.scene import load_scene
 
@@ -70,11 +70,11 @@ def test_grains_without_mass_or_of_one_size(tmp_path):
     nothing = snapshot(tmp_path, mass=np.zeros(COUNT))
     assert figure._grain_fields(nothing) == []
     figure._figure_2d(nothing)
-    picture = map_picture(on_pixels(nothing, WINDOW, 40), "dust.size", WINDOW)
-    assert np.isnan(picture.values).all() and norm_of([picture]).vmin > 0.0
+    picture = map_picture(fields_on_pixels(nothing, WINDOW, 40), "dust.size", WINDOW)
+    assert np.isnan(picture.values).all() and common_norm([picture]).vmin > 0.0
     some = snapshot(tmp_path, mass=np.where(np.arange(COUNT) < COUNT // 2, 1e-9, 0.0))
     figure._figure_2d(some)
-    norm = norm_of([replace(picture, values=np.full((3, 3), 0.01))])
+    norm = common_norm([replace(picture, values=np.full((3, 3), 0.01))])
     assert norm.vmin < 0.01 < norm.vmax
 
 

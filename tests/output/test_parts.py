@@ -14,7 +14,7 @@ from runs import assert_same_arrays, assert_same_content
 from discsim import read_snapshot
 from discsim.numerics.state import Dust, Gas
 from discsim.output import open_step, parts
-from discsim.output.checkpoint import CheckpointError, checked_checkpoint, read_checkpoint, write_checkpoint
+from discsim.output.checkpoint import CheckpointError, check_checkpoint, read_checkpoint, write_checkpoint
 from discsim.output.contents import extent_of
 from discsim.output.snapshot import SnapshotError, write_snapshot
 from discsim.run.checkpoints import Checkpoints
@@ -72,7 +72,7 @@ def in_parts(path, shares, fill, before=None, made="abc"):
     written = [parts.Part(path, stem, number, made) for number in range(len(shares))]
     for part, share in zip(written, shares, strict=True):
         fill(share, part.create)
-    written[0].join(path, before, [part.lengths for part in written])
+    written[0].write_master(path, before, [part.lengths for part in written])
 
 
 def put_snapshot(share, into, path, extent=None):
@@ -184,7 +184,7 @@ def test_each_checkpoint_keeps_its_parts_while_it_is_there(tmp_path):
                 groups, values = read_checkpoint(file)
                 assert values == {"number": of} and {*groups} == {*GROUPS}
                 assert np.array_equal(groups["gas"]["mass"], np.arange(12.0) + 100 * of)
-                assert groups["own_acc"]["gas"].shape == (0, 2) and checked_checkpoint(file)[1] == values
+                assert groups["own_acc"]["gas"].shape == (0, 2) and check_checkpoint(file)[1] == values
         assert len(os.listdir(tmp_path / "parts")) == NUMBER * min(number + 1, 2)
     path.unlink()
     before.unlink()
@@ -227,7 +227,7 @@ def test_a_checkpoint_with_a_damaged_part_is_noticed_before_a_run_goes_on(tmp_pa
     place = content.index(np.arange(4.0, 8.0).tobytes())
     part.write_bytes(content[:place] + b"\x01" + content[place + 1 :])
     with pytest.raises(CheckpointError, match=r"a\.h5: not a checkpoint, or a damaged checkpoint: part .*a\.1\.h5"):
-        checked_checkpoint(tmp_path / "a.h5")
+        check_checkpoint(tmp_path / "a.h5")
 
 
 def test_parts_that_no_file_names_are_removed(tmp_path):

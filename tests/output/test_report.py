@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from discsim import load_scene
 from discsim.cli import app
 from discsim.preview.reference import docstring
-from discsim.report.totals import totals
+from discsim.report.conservation import conserved_quantities
 from discsim.run.runner import run_scene
 
 TITLE = "<b>Grains & \"gas\"</b> <script>alert('x')</script>"
@@ -139,8 +139,8 @@ def test_it_has_the_numbers_of_the_files(page, run):
 def test_mass_that_the_star_took_is_counted(run):
     rows = rows_of(run, "history.csv")
     assert float(rows[-1]["accreted_gas"]) > 0.0
-    mass = next(each for each in totals(load_scene(run / "scene.toml"), rows) if each.name == "mass")
-    assert np.abs(mass.change).max() < 1e-14 and mass.why == ""
+    mass = next(each for each in conserved_quantities(load_scene(run / "scene.toml"), rows) if each.name == "mass")
+    assert np.abs(mass.change).max() < 1e-14 and mass.causes == ""
 
 
 def test_what_changes_a_total_is_named():
@@ -150,13 +150,13 @@ def test_what_changes_a_total_is_named():
            "momentum_y": 0.0, "angular_momentum": 4.0, "kinetic_gas": 0.5, "kinetic_dust": 0.5, "thermal": 1.0,
            "potential": -4.0, "radiated": 0.0}  # fmt: skip
     later = row | {"momentum_x": 3.0, "mass_gas": 0.98, "thermal": 2.0}
-    found = {each.name: each for each in totals(scene, [row, later])}
+    found = {each.name: each for each in conserved_quantities(scene, [row, later])}
     assert found["mass"].change[1] == pytest.approx(-0.01)
     assert found["momentum"].change[1] == pytest.approx(1.0 / 2.0)  # over sqrt(2 * 1 * 2)
     assert found["angular momentum"].change[1] == 0.0
     assert found["energy"].change[1] == pytest.approx(1.0 / 7.0)  # over 1 + 2 + 4
-    assert found["momentum"].why == "changed by [star], [external]"
-    assert found["energy"].why == "changed by [external], the prescribed gas temperature"
+    assert found["momentum"].causes == "changed by [star], [external]"
+    assert found["energy"].causes == "changed by [external], the prescribed gas temperature"
 
 
 def test_a_run_in_one_dimension_that_was_stopped(tmp_path, monkeypatch):

@@ -8,7 +8,7 @@ from astropy import units as u
 
 import discsim
 from discsim.numerics.state import Dust, Gas
-from discsim.output.fields.look import look_of
+from discsim.output.fields.display import display_options
 from discsim.output.snapshot import write_snapshot
 
 COUNT, RADII = 900, (2.0, 5.0)  # au, of an even disc
@@ -88,7 +88,7 @@ def test_objects_print_what_notebooks_show(snap):
 
 def test_fields_and_figures_take_the_same_arguments():
     of_field = [*inspect.signature(discsim.Snapshot.field).parameters][2:]
-    assert set(of_field) - {"edges"} <= set(inspect.signature(look_of).parameters)
+    assert set(of_field) - {"edges"} <= set(inspect.signature(display_options).parameters)
     assert {"window", "pixels", "distance", "wavelength", "opacity"} <= set(of_field)
 
 
@@ -132,7 +132,7 @@ def test_rings_may_have_units(snap):
     [
         ({"window": "4 furlong"}, 'window: "4 furlong": unknown unit'),
         ({"window": "4"}, 'window: "4" has no unit; expected a length, like "10 au"'),
-        ({"window": "40 mas"}, 'window: "40 mas" is an angle, but no distance is given; expected a length'),
+        ({"window": "40 mas"}, 'window: "40 mas" is an angle, but no distance is given; give a length'),
         ({"window": "1 au,4 au"}, "window: .* is a range of radii"),
         ({"window": ([1.0, 1.0], [0.0, 2.0])}, r"window: .*; expected a text like \"50 au\", or corners"),
         ({"window": "4 au", "distance": "2 yr"}, 'distance: "2 yr"; expected a value above 0 with a unit like pc'),
@@ -153,7 +153,7 @@ def test_rings_may_have_units(snap):
         ({"window": 5 * u.s}, 'window: "s" is a time; expected a length, like "10 au"'),
         (
             {"window": 40 * u.mas},
-            'window: "40.0 mas" is an angle, but no distance is given; expected a length, or a distance too',
+            'window: "40.0 mas" is an angle, but no distance is given; give a length, or a distance too',
         ),
         ({"edges": ["a"]}, r"edges: \['a'\]; expected numbers in code units, or a Quantity"),
         ({"edges": [30, 20, 10]}, r"edges: \[30, 20, 10\]; expected at least two increasing numbers"),

@@ -13,7 +13,7 @@ import discsim
 from discsim import Simulation
 from discsim.cli import app
 from discsim.output.checkpoint import write_checkpoint
-from discsim.output.files import appended, replace_atomically
+from discsim.output.files import open_to_append, replace_atomically
 from discsim.run.runner import run_scene
 
 KINDS = {"a FIFO": os.mkfifo, "a symbolic link": lambda path: path.symlink_to(path.parent / "kept"),
@@ -53,7 +53,7 @@ def test_a_checkpoint_does_not_replace_what_is_no_plain_file(target, tmp_path):
     sim = Simulation({"units": {"system": "code"}, "run": {"until": 0.1}, "space": {"size": 8.0}, "star": {"mass": 0.7},
                       "dust": {"ratio": 0.3}}, particles={"dust": {"pos": np.array([[1.3, 0.2]]),
                       "vel": np.array([[0.1, 0.7]]), "mass": np.array([0.02])}})  # fmt: skip
-    for save in (lambda: sim.save(path), lambda: write_checkpoint(other, {}, {"n": 1}, before=path)):
+    for save in (lambda: sim.save(path), lambda: write_checkpoint(other, {}, {"n": 1}, backup=path)):
         other.write_text("before")
         with pytest.raises(OSError, match=f"is {kind}; expected a plain file there, or a new name") as caught:
             save()
@@ -73,7 +73,7 @@ def test_nothing_is_appended_to_what_is_no_plain_file(target):
     path, kind = target
     mode = mode_of(path)
     with pytest.raises(OSError, match=f"is {kind}"):
-        appended(path)
+        open_to_append(path)
     assert_untouched(path, mode)
 
 

@@ -16,8 +16,8 @@ def ring(count, seed, inner=1.0, outer=3.0):
 def test_all_mass_is_on_the_pixels_and_in_the_rings():
     pos, mass = ring(4000, 1), np.random.default_rng(2).random(4000)
     radius = np.hypot(*pos.T)
-    plane = bins.square_window(pos, (np.full(2, -6.0), np.full(2, 6.0)), 120)
-    polar = bins.polar_window(pos, 0.0, 6.0, 200)
+    plane = bins.square_pixels(pos, (np.full(2, -6.0), np.full(2, 6.0)), 120)
+    polar = bins.polar_pixels(pos, 0.0, 6.0, 200)
     smooth = bins.SmoothRings(radius, (0.0, 6.0), 2)
     rings = bins.Rings(radius, np.linspace(0.0, 6.0, 31))
     # Of the widest Gaussians in angle and radius a little is beyond r = 0.
@@ -36,13 +36,13 @@ def test_an_even_disc_is_even_in_every_kind_of_bins():
     count = 40_000
     pos = ring(count, 3)
     expected = count / (8 * np.pi)
-    plane = bins.square_window(pos, (np.full(2, -4.0), np.full(2, 4.0)), 200)
+    plane = bins.square_pixels(pos, (np.full(2, -4.0), np.full(2, 4.0)), 200)
     centres = -4.0 + 8.0 / 200 * (np.arange(200) + 0.5)
     r = np.hypot(*np.meshgrid(centres, centres))
     inside = (plane.sum(np.ones(count)) / plane.measure)[(r > 1.4) & (r < 2.6)]
     assert inside.mean() == pytest.approx(expected, rel=0.01)
     assert 0.1 < inside.std() / expected < 0.22
-    polar = bins.polar_window(pos, 0.5, 3.5, 300)
+    polar = bins.polar_pixels(pos, 0.5, 3.5, 300)
     along = (polar.sum(np.ones(count)) / polar.measure)[:, 50:100]  # r of 1.5 to 2.5
     assert along.mean() == pytest.approx(expected, rel=0.02)  # 2e4 particles are between them
     smooth = bins.SmoothRings(np.hypot(*pos.T), (0.0, 4.0), 2)
@@ -77,7 +77,7 @@ def test_a_particle_on_a_line_is_as_wide_as_three_fifths_of_their_distance():
 def test_a_window_within_the_disc_is_the_middle_of_the_whole():
     """Particles beside it reach into it: no darker border."""
     pos = ring(40_000, 5, 0.0, 3.0)
-    near = bins.square_window(pos, (np.full(2, -1.0), np.full(2, 1.0)), 60)
+    near = bins.square_pixels(pos, (np.full(2, -1.0), np.full(2, 1.0)), 60)
     sigma = near.sum(np.ones(len(pos))) / near.measure
     border = np.concatenate([sigma[0], sigma[-1], sigma[:, 0], sigma[:, -1]])
     # 240 pixels of noise 1/7, a few Gaussians long: 3%; without what is beside they would have half.
@@ -87,13 +87,13 @@ def test_a_window_within_the_disc_is_the_middle_of_the_whole():
 def test_blocks_change_nothing(monkeypatch):
     pos, mass = ring(3000, 7), np.ones(3000)
     window = np.full(2, -4.0), np.full(2, 4.0)
-    whole = bins.square_window(pos, window, 50).sum(mass)
+    whole = bins.square_pixels(pos, window, 50).sum(mass)
     monkeypatch.setattr(bins, "_BLOCK", 256)
-    assert np.array_equal(bins.square_window(pos, window, 50).sum(mass), whole)
+    assert np.array_equal(bins.square_pixels(pos, window, 50).sum(mass), whole)
 
 
 def test_no_particles_and_particles_beyond_the_window():
     window = np.full(2, -1.0), np.full(2, 1.0)
-    assert not bins.square_window(np.empty((0, 2)), window, 20).sum(np.empty(0)).any()
-    far = bins.square_window(np.array([[50.0, 0.0], [np.nan, 0.0]]), window, 20)
+    assert not bins.square_pixels(np.empty((0, 2)), window, 20).sum(np.empty(0)).any()
+    far = bins.square_pixels(np.array([[50.0, 0.0], [np.nan, 0.0]]), window, 20)
     assert not far.sum(np.ones(2)).any()

@@ -15,8 +15,8 @@ from discsim import Simulation
 from discsim.numerics.state import Dust, Gas
 from discsim.output.fields.base import FieldError
 from discsim.output.fields.binned import Optics
-from discsim.output.fields.names import available_fields, columns, listed, matching_fields, missing_reason
-from discsim.output.fields.values import on_pixels
+from discsim.output.fields.names import available_fields, field_rows, matching_fields, missing_reason, needed_columns
+from discsim.output.fields.values import fields_on_pixels
 from discsim.output.snapshot import read_snapshot, write_snapshot
 from discsim.parts import FIELDS
 from discsim.scene import load_scene
@@ -93,7 +93,7 @@ def test_fields_of_places(snap):
 
 def test_emission_is_that_of_a_black_body_through_the_opacity(snap):
     optics = Optics(0.87 * u.mm, 3.0 * u.cm**2 / u.g)
-    binned = on_pixels(snap, (np.full(2, -2.5), np.full(2, 2.5)), 50, optics)
+    binned = fields_on_pixels(snap, (np.full(2, -2.5), np.full(2, 2.5)), 50, optics)
     body, sigma = binned["emission"], binned["dust.surface_density"] * snap.units.cgs("surface_density")
     warm = np.nan_to_num(binned["gas.temperature"]) > 0
     planck = BlackBody(binned["gas.temperature"][warm] * u.K)(0.87 * u.mm).to_value("mJy/arcsec2")
@@ -103,7 +103,7 @@ def test_emission_is_that_of_a_black_body_through_the_opacity(snap):
 
 
 def test_only_the_columns_that_a_field_needs_are_read(path):
-    some = read_snapshot(path, columns(["gas.toomre_q"]))
+    some = read_snapshot(path, needed_columns(["gas.toomre_q"]))
     assert some.gas.vel is None and some.gas.ids is None and some.gas.pressure is None and some.dust.stokes is None
     assert some.gas.density is not None
     whole = read_snapshot(path)
@@ -111,11 +111,11 @@ def test_only_the_columns_that_a_field_needs_are_read(path):
 
 
 def test_every_field_says_what_it_is_and_reads_what_it_needs(path, snap):
-    for name, unit, about in listed():
+    for name, unit, about in field_rows():
         assert ": " in about or about.endswith(": P"), name
         u.Unit(unit)
         if missing_reason(FIELDS[name], snap) is None:
-            of_needs = read_snapshot(path, columns([name])).field(name, pixels=30)
+            of_needs = read_snapshot(path, needed_columns([name])).field(name, pixels=30)
             assert of_needs.unit == u.Unit(unit) and np.isfinite(of_needs.value).any(), name
 
 

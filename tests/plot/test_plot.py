@@ -13,10 +13,10 @@ import discsim
 import discsim.plot
 from discsim.cli import app
 from discsim.numerics.state import Dust, Gas
-from discsim.output.drawing import log_ticks, number_text, round_number
+from discsim.output.drawing import number_text, round_number, set_log_ticks
 from discsim.output.fields.base import PlotError
-from discsim.output.fields.look import look_of
-from discsim.output.snapshot import files_of, write_snapshot
+from discsim.output.fields.display import display_options
+from discsim.output.snapshot import snapshot_files, write_snapshot
 from discsim.plot.request import Request
 from discsim.plot.sources import select_snapshots
 from discsim.scene import load_scene
@@ -107,7 +107,7 @@ def test_maps_share_their_colours(run, other):
     assert {r"$\Sigma_\mathrm{gas}$ [g cm$^{-2}$]", r"$\Sigma_\mathrm{dust}$ [g cm$^{-2}$]", "y [au]"} <= labels(figure)
     texts = {text.get_text() for axes in figure.axes for text in axes.texts}
     assert texts == {"1 au"}  # a quarter of 6.6 au at most
-    assert figure.get_suptitle() == f"t = {discsim.read_snapshot(files_of(run)[-1]).units.show_time(2.0)}"
+    assert figure.get_suptitle() == f"t = {discsim.read_snapshot(snapshot_files(run)[-1]).units.show_time(2.0)}"
 
 
 def test_the_other_run_over_the_first(run, other):
@@ -121,7 +121,7 @@ def test_the_other_run_over_the_first(run, other):
 
 
 def test_profiles_are_of_the_times_that_are_asked_for(run):
-    units = discsim.read_snapshot(files_of(run)[0]).units
+    units = discsim.read_snapshot(snapshot_files(run)[0]).units
     texts = [units.show_time(time) for time in (1.0, 2.0)]
     assert [each.path.stem for each in select_snapshots([run], texts)] == ["0001", "0002"]
     figure = Request([run], ["dust.surface_density"], "profile", texts).figure()
@@ -139,7 +139,7 @@ def test_fields_in_time_and_angle(run):
     (axes, *_) = Request([run], ["dust.surface_density"], "time").figure().axes
     (mesh,) = axes.collections
     assert mesh.get_array().shape == (3, 240)
-    year = discsim.read_snapshot(files_of(run)[0]).quantity("time").unit.to("yr")
+    year = discsim.read_snapshot(snapshot_files(run)[0]).quantity("time").unit.to("yr")
     assert axes.get_ylim() == pytest.approx((0.0, 2.0 * year))
     figure = Request([run], ["gas.v_r"], "polar").figure()
     (image,) = images(figure)
@@ -169,8 +169,8 @@ def test_one_dimension(tube):
 
 
 def test_angles_and_flux(run):
-    look = look_of(distance="100 pc", wavelength="1.3 mm", opacity="2 cm2/g")
-    figure = Request([run], ["emission"], look=look).figure()
+    display = display_options(distance="100 pc", wavelength="1.3 mm", opacity="2 cm2/g")
+    figure = Request([run], ["emission"], display=display).figure()
     assert figure.axes[0].get_xlabel() == "x [arcsec]"
     left, right = figure.axes[0].get_xlim()
     assert right - left == pytest.approx(0.066, rel=0.01)  # 6.6 au at 100 pc
@@ -182,7 +182,7 @@ def test_python_draws_onto_axes_that_it_gives_back(run, tube):
     axes = Figure().subplots()
     assert discsim.plot.field_map(run, "dust.stokes", ax=axes, limits="0.01,1") is axes
     assert axes.images[0].norm.vmin == 0.01 and axes.images[0].norm.vmax == 1.0
-    snap = discsim.read_snapshot(files_of(run)[0])
+    snap = discsim.read_snapshot(snapshot_files(run)[0])
     lines = discsim.plot.profile(snap, "v_r", ax=Figure().subplots()).lines
     assert [line.get_label() for line in lines if line.get_label()[0] != "_"] == ["gas", "dust"]
     assert discsim.plot.polar_map(snap, "gas.h", ax=Figure().subplots()).images
@@ -248,13 +248,13 @@ def test_the_command_writes_into_the_run(run, other, tmp_path):
             ["RUN", "--wavelength", "1.3"],
             '--wavelength: "1.3" has no unit; expected a value above 0 with a unit like mm',
         ),
-        (["RUN", "--time", "--at", "1 yr"], "expected only one of the two"),
+        (["RUN", "--time", "--at", "1 yr"], "leave out --at or --time"),
         (["RUN", "--distance", "140 yr"], "--distance: "),
         (["RUN", "--profile", "--distance", "140 pc"], "--distance: used only for maps"),
         (["RUN", "--opacity", "2 cm2/g"], "used only by emission"),
         (["RUN", "--compare", "TUBE"], "different dimensions or units"),
         (["RUN", "--compare", "RUN", "--profile"], "used only for maps"),
-        (["RUN/snapshots/0000.h5", "--time"], "needs all snapshots of a run"),
+        (["RUN/snapshots/0000.h5", "--time"], "needs at least two snapshots of each run"),
         (["RUN", "-o", "a.bmp"], "unknown figure format"),
         (["nothing"], "file not found"),
     ],
@@ -305,7 +305,7 @@ def test_numbers_on_axes():
 def test_logarithmic_axes_have_plain_numbers(low, high, shown):
     axes = Figure().add_subplot()
     axes.set(yscale="log", ylim=(low, high))
-    log_ticks(axes.yaxis, low, high)
+    set_log_ticks(axes.yaxis, low, high)
     texts = [label.get_text() for label in axes.get_yticklabels()]
     if shown is None:
         assert any("$" in text for text in texts)

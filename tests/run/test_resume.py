@@ -15,8 +15,8 @@ from runs import DISC, SHOCK, WAVE, assert_same_files, at_step, contents, rows, 
 import discsim
 from discsim import Simulation, __version__, read_snapshot
 from discsim.output import hdf5
-from discsim.output.checkpoint import OtherVersionWarning, read_checkpoint
-from discsim.output.files import command
+from discsim.output.checkpoint import REMEDY, OtherVersionWarning, read_checkpoint
+from discsim.output.files import command_line
 from discsim.output.history import history_row
 from discsim.run.runner import Run, run_scene
 from discsim.run.simulation import PhysicsError
@@ -148,7 +148,7 @@ def test_a_checkpoint_that_lacks_something_is_one_message(stopped, name, capsys)
             del file[name]
     message = refused(scene, out, capsys)
     last = name.replace("@", "/").split("/")[-1]
-    lacks = f"the checkpoint has no '{last}': it is damaged, or written by another version of discsim"
+    lacks = f"the checkpoint has no '{last}': it is damaged, or written by another version of discsim; {REMEDY}"
     assert message in (f"{out}/checkpoint.h5: {lacks}", f"{out}/checkpoint.h5: does not hold the gas of this scene")
 
 
@@ -261,13 +261,13 @@ def test_files_say_what_made_them(stopped, monkeypatch):
     _, out = stopped
     for path in (out / "checkpoint.h5", out / "snapshots" / "0000.h5"):
         with h5py.File(path) as file:
-            assert file.attrs["version"].decode() == __version__ and file.attrs["command"].decode() == command()
+            assert file.attrs["version"].decode() == __version__ and file.attrs["command"].decode() == command_line()
     snap = read_snapshot(out / "snapshots" / "0000.h5")
-    assert (snap.version, snap.command) == (__version__, command())
-    assert f"command: {command()}" in (out / "run.log").read_text().splitlines()
+    assert (snap.version, snap.command) == (__version__, command_line())
+    assert f"command: {command_line()}" in (out / "run.log").read_text().splitlines()
     for given in ("/usr/bin/discsim", discsim.__file__.replace("__init__", "__main__")):
         monkeypatch.setattr("sys.argv", [given, "run", "a b.toml"])
-        assert command() == "discsim run 'a b.toml'"
+        assert command_line() == "discsim run 'a b.toml'"
 
 
 def test_another_scene_is_not_begun_anew(stopped, tmp_path, capsys):
@@ -330,13 +330,13 @@ def test_a_checkpoint_of_another_version_is_told(tmp_path, monkeypatch, capsys):
 def test_a_checkpoint_is_read_to_be_checked_and_to_be_taken(tmp_path, monkeypatch):
     scene, out = scene_of(tmp_path, WAVE), tmp_path / "out"
     assert run_scene(scene, out, quiet=True) == 0
-    read, opened = [], hdf5.opened
+    read, opened = [], hdf5.open_checked
 
     def noted(path):
         read.append(path)
         return opened(path)
 
-    monkeypatch.setattr("discsim.output.hdf5.opened", noted)
+    monkeypatch.setattr("discsim.output.hdf5.open_checked", noted)
     assert run_scene(scene_of(tmp_path, WAVE, "run.until=0.11"), out, resume=True, quiet=True) == 0
     assert read.count(out / "checkpoint.h5") == 2
 

@@ -5,9 +5,9 @@
         \"\"\"Radial velocity: v_r = (x v_x + y v_y) / r\"\"\"
         return (snap.gas.pos * snap.gas.vel).sum(axis=1) / snap.gas.radius
 
-The first line of the docstring is the description in lists of fields: name, colon, equation. The argument is a
-snapshot in code units, relative to the disc's centre: a moving star is at rest at the origin. It has the columns in
-`needs`.
+The first line of the docstring describes the field in lists of fields: name, colon, equation. The argument is a
+snapshot in code units, relative to the disc's centre: a moving star is at rest at the origin. The snapshot has the
+columns in `needs`.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 
-# Units of axes by dimension. For a scene in code units, axes have no units.
+# Units of axes by dimension, for a scene in physical units. In code units, axes have no units.
 AXIS_UNITS = {
     "": "",
     "length": "au",
@@ -50,23 +50,35 @@ UNIT_TEXT = {
 
 
 class PlotError(UserError):
-    """A field that cannot be drawn, or an invalid window or option; the message has the reason."""
+    """A figure that cannot be drawn, or an invalid window or option; the message has the reason."""
 
 
 class FieldError(UserError):
-    """An unknown field, or a field that the run lacks; the message has the known fields or the reason."""
+    """An unknown field, or a field that the run does not have; the message lists all fields, or gives the reason."""
 
 
 @dataclass(frozen=True)
 class Field:
     """A field of a snapshot.
 
-    `kind` says what `values` returns: "particles", a value per particle (n,); "density", a mass per particle (n,),
-    which is divided by areas of bins later; "places", values in bins that follow from other fields in these bins.
-    `dimension` is one of `discsim.scene.units`, "temperature", "intensity" or "". `unit` is the unit of axes, by
-    default that of AXIS_UNITS. `label` is the label of axes in mathtext; SPECIES in it stands for the species. `needs`
-    lists required columns like "gas.vel", and "plane" (two dimensions), "star" or "physical" (units). `reads` lists
-    optional columns. `scale` is "log", "linear", or "signed" (linear, with a colour range symmetric about 0).
+    Attributes
+    ----------
+    kind : str
+        Result of the function `values`. "particles": a value for each particle (n,). "density": a mass for each
+        particle (n,); sums of these masses are later divided by areas of bins. "places": values in bins, computed from
+        other fields in these bins.
+    species : str
+        "gas" or "dust"; "" for a field in bins.
+    dimension, unit : str, str or None
+        Physical dimension: one of `discsim.scene.units`, "temperature", "intensity" or "". Unit of axes, by default
+        that of AXIS_UNITS.
+    label : str
+        Label of axes in mathtext, in which SPECIES stands for the species.
+    needs, reads : tuple of str
+        Required and optional columns, like "gas.vel". `needs` may also have the requirements "plane" (two dimensions),
+        "star" and "physical" (physical units).
+    scale, colours : str
+        "log", "linear", or "signed" (linear, with a colour range symmetric about 0). Colour map of matplotlib.
     """
 
     kind: str
@@ -82,11 +94,11 @@ class Field:
 
     @property
     def about(self) -> str:
-        """The description with its equation, from the docstring of the function."""
+        """The description with its equation, from the docstring of the function `values`."""
         return (self.values.__doc__ or "").strip().partition("\n")[0]
 
     def shown_unit(self, units: Units) -> str:
-        """Return the unit of axes; "" for a plain number."""
+        """Return the unit of axes, for a snapshot with these code units; "" for a plain number."""
         if units.system == "code" and self.dimension not in FIXED_UNITS:
             return ""
         if self.unit is not None:
@@ -106,13 +118,13 @@ class Field:
         return float(units.quantity(1.0, self.dimension).to_value(unit))
 
     def quantity(self, units: Units, values: Array) -> Any:
-        """Return values in code units as an astropy Quantity in the unit of axes."""
+        """Return `values`, given in code units, as an astropy Quantity in the unit of axes."""
         from discsim.scene.astropy_units import units as u
 
         return u.Quantity(self.factor(units) * values, self.shown_unit(units))
 
     def text(self, units: Units, of_all: bool = False) -> str:
-        """Return the label of an axis with its unit; with `of_all`, without a species."""
+        """Return the label of an axis with its unit; with `of_all`, for all species, without the name of a species."""
         unit = self.shown_unit(units)
         label = self.label if units.dimensions == 2 else self.label.replace(r"\Sigma", r"\rho")
         if of_all:
@@ -124,21 +136,25 @@ class Field:
 def of_particles(
     species: str, dimension: str, label: str, **more: Any
 ) -> Callable[[Callable[[Snapshot], Array]], Field]:
-    """Return a decorator for a field with one value per particle of a species.
+    """Return a decorator that makes a field of a function that returns a value for each particle of a species.
 
-    On pixels and in rings its value is the mass-weighted mean.
+    On pixels and in rings, the field is the mass-weighted mean of these values. `more` are attributes of `Field`.
     """
     return lambda values: Field("particles", species, values, dimension, label, **more)
 
 
 def density(species: str, label: str, **more: Any) -> Callable[[Callable[[Snapshot], Array]], Field]:
-    """Return a decorator for a density; the function returns the mass (n,) in each particle."""
+    """Return a decorator that makes a density of a function that returns a mass (n,) for each particle of a species.
+
+    `more` are attributes of `Field`.
+    """
     return lambda values: Field("density", species, values, "density", label, **more)
 
 
 def of_places(dimension: str, label: str, **more: Any) -> Callable[[Callable[[Any], Array]], Field]:
-    """Return a decorator for a field in bins that is computed from other fields in the same bins.
+    """Return a decorator that makes a field in bins of a function of other fields in the same bins.
 
-    The argument `at` of the function has the other fields, as in `at["gas.temperature"]`.
+    The argument `at` of the function has the other fields, as in `at["gas.temperature"]`. `more` are attributes of
+    `Field`.
     """
     return lambda values: Field("places", "", values, dimension, label, **more)

@@ -1,4 +1,4 @@
-"""Fields of a snapshot on pixels or in rings; fields and sums over particles are cached."""
+"""Fields of a snapshot in bins, which are pixels or rings; fields and sums over particles are cached."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Optics:
-    """Wavelength, and opacity per mass of dust, for emission and optical depth, as astropy Quantities.
+    """Wavelength and opacity of dust, as astropy Quantities, for the fields emission and optical_depth.
 
-    The default opacity is 10 cm2/g (nu / 1 THz), from Beckwith et al. (1990).
+    The opacity is per mass of dust. By default it is 10 cm2/g (nu / 1 THz), from Beckwith et al. (1990).
     """
 
     wavelength: Any
@@ -55,14 +55,17 @@ class Optics:
         return rf"$\lambda$ = {self.wavelength:.3g}, $\kappa$ = {self.opacity_cgs:.3g} cm$^2$ per g of dust"
 
     @classmethod
-    def usual(cls) -> Optics:
+    def default(cls) -> Optics:
         from discsim.scene.astropy_units import units
 
         return cls(1.3 * units.mm)
 
 
-class Binned:
-    """Fields by name in bins, as in `binned["gas.v_r"]`, in code units; `bins_of(species)` returns the bins."""
+class BinnedFields:
+    """The fields of a snapshot in bins, in code units: `binned["gas.v_r"]` is the array of a field.
+
+    `bins_of` returns the bins of a species, given its name.
+    """
 
     def __init__(self, snap: Snapshot, bins_of: Callable[[str], Bins], optics: Optics | None = None) -> None:
         self.snap, self._bins_of, self._optics = snap, bins_of, optics
@@ -71,10 +74,10 @@ class Binned:
 
     @cached_property
     def optics(self) -> Optics:
-        return self._optics or Optics.usual()
+        return self._optics or Optics.default()
 
     def __getitem__(self, name: str) -> Array:
-        """Return a field in each bin: a density (0 in empty bins), or a mean (NaN for too little mass)."""
+        """Return the field `name` in each bin: a density (0 in empty bins), or a mean (NaN for too little mass)."""
         if name not in self._found:
             self._found[name] = self._compute(name)
         return self._found[name]
@@ -102,6 +105,7 @@ class Binned:
         return self._found[key]
 
     def bins(self, species: str) -> Bins:
+        """Return the bins of a species."""
         if species not in self._bins:
             self._bins[species] = self._bins_of(species)
         return self._bins[species]

@@ -1,4 +1,4 @@
-"""Position, velocity and mass of the disc's centre: the star, or star and companions together."""
+"""Position, velocity and mass of the disc's centre: of the star, or the barycentre of star and companions."""
 
 from __future__ import annotations
 
@@ -16,7 +16,10 @@ Array = np.ndarray
 
 
 def central_mass(snap: Snapshot) -> float:
-    """Return the mass of the bodies about which the disc orbits (`formulas/centre.py`), in code units."""
+    """Return the mass in code units about which the disc orbits: of the star, or of star and companions.
+
+    `formulas/centre.py` has the rule.
+    """
     if snap.bodies is None:
         return in_code(snap.units, snap.tables["star"]["mass"], "mass")
     return float(snap.bodies.mass[_is_central(snap)].sum())
@@ -38,11 +41,11 @@ def _is_central(snap: Snapshot) -> Array:
 
 
 def omega(snap: Snapshot, radius: Array) -> Array:
-    """Return Omega_K (n,) at `radius` (n,): Omega_K^2 = M / (r^2 + s^2)^(3/2), for a mass M with softening s."""
+    """Return Omega_K (n,) at `radius` (n,): Omega_K^2 = M / (r^2 + s^2)^(3/2), with central mass M and softening s."""
     softening = in_code(snap.units, snap.tables["star"].get("softening", 0.0), "length")
     return centre.omega(central_mass(snap), radius, softening)
 
 
 def in_code(units: Units, value: Any, dimension: str) -> float:
-    """Return a value of a scene in code units; it is a number, or a text with a unit. Raises UnitError."""
+    """Return a scene's `value`, a number in code units or a text with a unit, in code units. Raises UnitError."""
     return units.parse(value, dimension) if isinstance(value, str) else float(value)

@@ -14,29 +14,26 @@ if TYPE_CHECKING:
     from discsim.output.snapshot import Snapshot, SnapshotParticles
 
 Array = np.ndarray
-Of = Callable[["Snapshot", "SnapshotParticles"], Array]
+ValuesOf = Callable[["Snapshot", "SnapshotParticles"], Array]
 
 
 def _for_gas_and_dust(
     dimension: str, label: str, *needs: str, **more: Any
-) -> Callable[[Of], tuple[base.Field, base.Field]]:
+) -> Callable[[ValuesOf], tuple[base.Field, base.Field]]:
     """Return a decorator that makes a field of gas and a field of dust from a function (snapshot, particles).
 
-    The need "vel" stands for the velocity column of the species.
+    `needs` and `more` are attributes of `Field`; "vel" in `needs` stands for the velocity column of the species.
     """
 
-    def fields(values: Of) -> tuple[base.Field, base.Field]:
-        return _of("gas", values), _of("dust", values)
-
-    def _of(species: str, values: Of) -> base.Field:
-        def of_species(snap: Snapshot) -> Array:
+    def field_of(species: str, values: ValuesOf) -> base.Field:
+        def values_of_species(snap: Snapshot) -> Array:
             return values(snap, snap.species[species])
 
-        of_species.__doc__ = values.__doc__
+        values_of_species.__doc__ = values.__doc__
         own = tuple(f"{species}.vel" if need == "vel" else need for need in needs)
-        return base.of_particles(species, dimension, label, needs=own, **more)(of_species)
+        return base.of_particles(species, dimension, label, needs=own, **more)(values_of_species)
 
-    return fields
+    return lambda values: (field_of("gas", values), field_of("dust", values))
 
 
 @_for_gas_and_dust("length", "$r$", "plane", scale="linear", colours="cividis")
@@ -78,7 +75,7 @@ def _v_r(snap: Snapshot, p: SnapshotParticles) -> Array:
 @_for_gas_and_dust("velocity", r"$v_{\varphi,SPECIES}$", "vel", "plane", scale="linear", colours="viridis")
 def _v_phi(snap: Snapshot, p: SnapshotParticles) -> Array:
     """azimuthal velocity: v_phi = (x v_y - y v_x) / r"""
-    return (p.pos[:, 0] * p.vel[:, 1] - p.pos[:, 1] * p.vel[:, 0]) / _nonzero_radius(p)
+    return _specific_angular_momentum(p) / _nonzero_radius(p)
 
 
 @_for_gas_and_dust(
@@ -87,9 +84,7 @@ def _v_phi(snap: Snapshot, p: SnapshotParticles) -> Array:
 )  # fmt: skip
 def _v_phi_excess(snap: Snapshot, p: SnapshotParticles) -> Array:
     """azimuthal velocity minus the Keplerian velocity: v_phi - Omega_K r"""
-    return (p.pos[:, 0] * p.vel[:, 1] - p.pos[:, 1] * p.vel[:, 0]) / _nonzero_radius(p) - omega(
-        snap, p.radius
-    ) * p.radius
+    return _specific_angular_momentum(p) / _nonzero_radius(p) - omega(snap, p.radius) * p.radius
 
 
 @_for_gas_and_dust("", "eccentricity $e_SPECIES$", "vel", "plane", "star", scale="linear", colours="cividis")
@@ -97,8 +92,13 @@ def _eccentricity(snap: Snapshot, p: SnapshotParticles) -> Array:
     """eccentricity of the orbit about the central mass: e^2 = 1 + 2 E L^2 / (G M)^2"""
     mass = central_mass(snap)
     energy = 0.5 * np.einsum("ij,ij->i", p.vel, p.vel) - mass / _nonzero_radius(p)
-    spin = p.pos[:, 0] * p.vel[:, 1] - p.pos[:, 1] * p.vel[:, 0]
-    return np.sqrt(np.maximum(1.0 + 2.0 * energy * (spin / mass) ** 2, 0.0))
+    ratio = _specific_angular_momentum(p) / mass
+    return np.sqrt(np.maximum(1.0 + 2.0 * energy * ratio**2, 0.0))
+
+
+def _specific_angular_momentum(p: SnapshotParticles) -> Array:
+    """Return the angular momentum per mass (n,) about the origin."""
+    return p.pos[:, 0] * p.vel[:, 1] - p.pos[:, 1] * p.vel[:, 0]
 
 
 def _nonzero_radius(p: SnapshotParticles) -> Array:

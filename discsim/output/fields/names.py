@@ -1,4 +1,4 @@
-"""Look-up of fields by name, and messages for fields that a run lacks."""
+"""Look-up of fields by name, and messages about fields that a run does not have."""
 
 from __future__ import annotations
 
@@ -12,13 +12,11 @@ from discsim.scene.messages import near
 if TYPE_CHECKING:
     from discsim.output.snapshot import Snapshot
 
-SPECIES = ("gas", "dust")
-
 
 def matching_fields(word: str) -> list[str]:
-    """Return the field names that match a word; a word like "v_r" matches the field of every species.
+    """Return the full names of the fields that match a word. A word like "v_r" matches the field of every species.
 
-    Raises FieldError with the nearest name and a list of all fields.
+    Raises FieldError if there is none, with the most similar name and a list of all fields.
     """
     if word in FIELDS:
         return [word]
@@ -30,14 +28,14 @@ def matching_fields(word: str) -> list[str]:
     raise FieldError(f'"{word}" is not a field; expected one of {", ".join(FIELDS)}{hint}')
 
 
-def columns(names: Iterable[str]) -> set[str]:
-    """Return the columns of a snapshot that fields use, besides positions and masses."""
+def needed_columns(names: Iterable[str]) -> set[str]:
+    """Return the columns of a snapshot, besides positions and masses, that the fields `names` use."""
     fields = [FIELDS[name] for name in names]
     return {need for field in fields for need in (*field.needs, *field.reads) if "." in need}
 
 
 def available_fields(word: str, snap: Snapshot) -> list[str]:
-    """Return the field names that match a word and that the snapshot has. Raises FieldError if there is none."""
+    """Return the full names of the fields that match a word and that `snap` has. Raises FieldError if there is none."""
     names = matching_fields(word)
     lacks = {name: missing_reason(FIELDS[name], snap) for name in names}
     there = [name for name in names if lacks[name] is None]
@@ -48,13 +46,13 @@ def available_fields(word: str, snap: Snapshot) -> list[str]:
 
 
 def missing_reason(field: Field, snap: Snapshot) -> str | None:
-    """Return the reason why a snapshot has no such field; None if it has the field."""
+    """Return the reason why the snapshot does not have `field`; None if it has it."""
     needs = (f"{field.species}.mass", *field.needs) if field.species else field.needs
     return next((why for need in needs if (why := _missing_need(need, snap))), None)
 
 
 def _missing_need(need: str, snap: Snapshot) -> str | None:
-    """Return the reason why a snapshot does not fulfil an entry of `Field.needs`; None if it does."""
+    """Return the reason why the snapshot does not have `need`, an entry of `Field.needs`; None if it has it."""
     tables = snap.tables
     if need == "plane":
         return None if snap.dimensions == 2 else "the field needs two dimensions, but the run has one"
@@ -75,10 +73,12 @@ def _missing_need(need: str, snap: Snapshot) -> str | None:
 
 
 def _code_units_reason(what: str) -> str:
+    """Return the reason for a field that code units do not allow; `what` continues "where", like "gas has no ..."."""
     return f"the scene is in code units, where {what}; expected a run with [units] length and mass"
 
 
 def _column_hint(name: str, tables: dict[str, object]) -> str:
+    """Return the reason why a snapshot of a scene with these tables lacks a column, with a colon; "" if unknown."""
     if name == "small":
         return ": the scene has no [growth]"
     if name == "size":
@@ -88,15 +88,15 @@ def _column_hint(name: str, tables: dict[str, object]) -> str:
     return ""
 
 
-def listed() -> Iterator[tuple[str, str, str]]:
-    """Yield name, unit and description of every field."""
+def field_rows() -> Iterator[tuple[str, str, str]]:
+    """Yield the name, unit and description of every field."""
     for name, field in FIELDS.items():
         dimension = {"density": "surface_density"}.get(field.dimension, field.dimension)
         yield name, field.unit or AXIS_UNITS.get(dimension, ""), field.about
 
 
-def table() -> str:
+def field_table() -> str:
     """Return the table of all fields as text."""
-    rows = [("name", "unit", "description"), *listed()]
+    rows = [("name", "unit", "description"), *field_rows()]
     wide = [max(len(row[k]) for row in rows) for k in (0, 1)]
     return "\n".join(f"{name:<{wide[0]}}  {unit:<{wide[1]}}  {about}".rstrip() for name, unit, about in rows)

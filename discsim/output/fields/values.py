@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from discsim.output.bins import FINE_BINS, Bins, Rings, SmoothRings, polar_window, square_window
-from discsim.output.fields.binned import Binned, Optics
+from discsim.output.bins import FINE_BINS, Bins, Rings, SmoothRings, polar_pixels, square_pixels
+from discsim.output.fields.binned import BinnedFields, Optics
 from discsim.parts import EFFECTS, STARTS
 
 if TYPE_CHECKING:
@@ -19,71 +19,85 @@ Array = np.ndarray
 Window = tuple[Array, Array]
 
 
-def on_pixels(snap: Snapshot, window: Window, pixels: int, optics: Optics | None = None) -> Binned:
-    """Return the fields [ix, iy] on square pixels of a window; `snap` is relative to the disc's centre."""
+def fields_on_pixels(snap: Snapshot, window: Window, pixels: int, optics: Optics | None = None) -> BinnedFields:
+    """Return the fields [ix, iy] of `snap` on square pixels in a window, with `pixels` along its longer side.
+
+    `snap` is relative to the disc's centre. `optics` is for the fields emission and optical_depth.
+    """
     periodic = is_periodic(snap) and np.array_equal(window, (snap.lower, snap.upper))
-    return Binned(snap, lambda kind: square_window(snap.species[kind].pos, window, pixels, periodic), optics)
+    return BinnedFields(snap, lambda kind: square_pixels(snap.species[kind].pos, window, pixels, periodic), optics)
 
 
-def on_polar_pixels(snap: Snapshot, inner: float, outer: float, pixels: int, optics: Optics | None = None) -> Binned:
-    """Return the fields [phi, r] on polar pixels between two radii."""
-    return Binned(snap, lambda kind: polar_window(snap.species[kind].pos, inner, outer, pixels), optics)
+def fields_on_polar_pixels(
+    snap: Snapshot, inner: float, outer: float, pixels: int, optics: Optics | None = None
+) -> BinnedFields:
+    """Return the fields [phi, r] of `snap` on polar pixels between the radii `inner` and `outer`."""
+    return BinnedFields(snap, lambda kind: polar_pixels(snap.species[kind].pos, inner, outer, pixels), optics)
 
 
-def in_rings(snap: Snapshot, edges: Array, optics: Optics | None = None) -> Binned:
-    """Return the fields in rings with these edges (in 1D in bins of x)."""
-    return Binned(snap, partial(_bins_of, snap, np.asarray(edges, dtype=float)), optics)
+def fields_in_rings(snap: Snapshot, edges: Array, optics: Optics | None = None) -> BinnedFields:
+    """Return the fields of `snap` in rings, or in 1D in bins of x, with these edges."""
+    return BinnedFields(snap, partial(_bins_of, snap, np.asarray(edges, dtype=float)), optics)
 
 
-def smooth_profile(snap: Snapshot, ends: tuple[float, float], optics: Optics | None = None) -> tuple[Array, Binned]:
-    """Return smoothed fields in fine rings between two radii (in 1D in bins of x); edges of the rings come first."""
+def smooth_profile(
+    snap: Snapshot, ends: tuple[float, float], optics: Optics | None = None
+) -> tuple[Array, BinnedFields]:
+    """Return the edges of fine rings between the radii `ends`, or in 1D of bins in x, and smoothed fields in them."""
 
     def bins_of(kind: str) -> Bins:
         p = snap.species[kind]
         return SmoothRings(p.radius if snap.dimensions == 2 else p.pos[:, 0], ends, snap.dimensions)
 
-    return np.linspace(*ends, FINE_BINS + 1), Binned(snap, bins_of, optics)
+    return np.linspace(*ends, FINE_BINS + 1), BinnedFields(snap, bins_of, optics)
 
 
 def _bins_of(snap: Snapshot, edges: Array, kind: str) -> Bins:
+    """Return the rings, or in 1D the bins of x, with the particles of a species `kind`."""
     p = snap.species[kind]
     return Rings(p.pos[:, 0], edges, np.diff(edges)) if snap.dimensions == 1 else Rings(p.radius, edges)
 
 
 def start_of(snap: Snapshot) -> Start | None:
-    """Return the initial condition of the run; None if a caller set the particles instead."""
+    """Return the initial condition that the scene of a run gives; None if a caller set the particles instead."""
     return STARTS.get(snap.tables.get("initial", {}).get("kind"))
 
 
 def has_centre(snap: Snapshot) -> bool:
-    """Return whether an effect of the scene, such as the star, makes the origin a centre."""
+    """Return whether an effect of the scene, such as the star, makes the origin the centre of the disc."""
     return any(EFFECTS[name].role.centre for name in snap.tables if name in EFFECTS)
 
 
-def centred(snap: Snapshot) -> bool:
-    """Return whether the scene has a centre for radial profiles, from an effect or its start."""
+def is_centred(snap: Snapshot) -> bool:
+    """Return whether the scene has a centre for radial profiles: that of an effect, or of its start."""
     start = start_of(snap)
     return has_centre(snap) or (start is not None and start.edges is not None)
 
 
 def is_periodic(snap: Snapshot) -> bool:
-    """Return whether maps of the snapshot are periodic: the box is, and there is no centre."""
-    return snap.tables["space"].get("boundary") == "periodic" and not centred(snap)
+    """Return whether maps of the snapshot are periodic: its box is periodic, and it has no centre."""
+    return snap.tables["space"].get("boundary") == "periodic" and not is_centred(snap)
 
 
 def inner_radius(snap: Snapshot) -> float:
-    """Return the inner radius of the disc: the radius that contains 0.5% of a species, for the innermost one."""
+    """Return the inner radius of the disc.
+
+    For each species, 0.5% of its particles are within some radius; the smallest of these radii is returned.
+    """
     return min((float(np.quantile(p.radius, 0.005)) for p in snap.species.values() if p.count), default=0.0)
 
 
 def outer_radius(snap: Snapshot) -> float:
-    """Return the outer radius of the disc: the radius that contains 99.5% of a species, for the outermost one."""
+    """Return the outer radius of the disc.
+
+    For each species, 99.5% of its particles are within some radius; the largest of these radii is returned.
+    """
     return max((float(np.quantile(p.radius, 0.995)) for p in snap.species.values() if p.count), default=1.0)
 
 
 def default_window(snap: Snapshot) -> Window:
-    """Return the corners of the region to show: the box, or if there is a centre a square that contains the disc."""
-    if not centred(snap):
+    """Return the corners of the region that figures show: the box, or around a centre a square with the disc in it."""
+    if not is_centred(snap):
         return snap.lower, snap.upper
     half = np.full(2, 1.1 * outer_radius(snap))
     return -half, half

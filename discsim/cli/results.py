@@ -10,8 +10,7 @@ from typing import Annotated
 
 import typer
 
-from discsim.cli.base import INTERRUPTED, NOT_WRITTEN, app, fail, show
-from discsim.userfiles import system_message
+from discsim.cli.base import app, exit_on_fault, fail, show
 
 WindowOption = Annotated[
     str | None, typer.Option(metavar="R", help='Region to show: "50 au", "10 au,50 au" in radius, "X,Y,R" on a map.')
@@ -34,19 +33,12 @@ def report(
         Path | None, typer.Option("-o", "--output", metavar="FILE", help="HTML file [DIR/report.html].")
     ] = None,
 ) -> None:
-    """Write a page of a run, for a browser or for paper. It has pictures, conservation, cost, effects and the scene."""
-    from discsim.output.snapshot import SnapshotError
-    from discsim.report.page import ReportError, write_report
-    from discsim.scene import SceneError
-    from discsim.study.points import StudyError
+    """Write an HTML page about a run, to view or print. It has pictures, conservation, cost, effects and the scene."""
+    from discsim.report.page import write_report
 
     path = output or directory / "report.html"
-    try:
+    with exit_on_fault("read or written", path):
         write_report(directory, path)
-    except (ReportError, SceneError, SnapshotError, StudyError) as wrong:
-        fail(str(wrong))
-    except OSError as error:
-        fail(system_message(error, "read or written", path), NOT_WRITTEN)
     show(f"{path}: report of the run in {directory}")
 
 
@@ -84,24 +76,21 @@ def plot(
 ) -> None:
     """Draw a run or snapshots: maps, profiles, fields in time."""
     if fields:
-        from discsim.output.fields.names import table
+        from discsim.output.fields.names import field_table
 
-        show(table())
+        show(field_table())
         return
     kinds = {"--profile": profile, "--polar": polar, "--time": time, "--against": against is not None}
     given = [name for name, there in kinds.items() if there]
-    if not sources or len(given) > 1:
-        fail(
-            "no run to draw; expected DIR or FILE"
-            if not sources
-            else f"{' and '.join(given)}: expected only one of them"
-        )
-    from discsim.output.fields.look import look_of
+    if not sources:
+        fail("no run to draw; expected DIR or FILE")
+    if len(given) > 1:
+        fail(f"{' and '.join(given)}: expected only one of them")
+    from discsim.output.fields.display import display_options
     from discsim.plot.request import Request, default_path, save
 
     kind = "phase" if against else given[0].removeprefix("--") if given else None
-
-    def make() -> Path:
+    with exit_on_fault("written", "the figure"):
         request = Request(
             [*sources, *([compare] if compare else [])],
             field.split(",") if field else (),
@@ -109,13 +98,11 @@ def plot(
             at or (),
             against,
             compare is not None,
-            look_of(window, limits, distance, wavelength, opacity, prefix="--"),
+            display_options(window, limits, distance, wavelength, opacity, prefix="--"),
         )
-        where = output or default_path(request)
-        save(request.figure, where)
-        return where
-
-    show(_draw_or_exit(make))
+        path = output or default_path(request)
+        save(request.figure, path)
+    show(path)
 
 
 @app.command()
@@ -133,24 +120,22 @@ def movie(
         Path | None, typer.Option("-o", "--output", metavar="FILE", help="Film: mp4 or gif [DIR/plots/...].")
     ] = None,
 ) -> None:
-    """Make a film of a run, a frame a snapshot."""
-    from discsim.output.fields.look import look_of
+    """Make a film of a run, with one frame for each snapshot."""
+    from discsim.output.fields.display import display_options
     from discsim.plot.film import Film, default_path
 
-    def make() -> Path:
-        look = look_of(window, limits, distance, wavelength, opacity, prefix="--")
-        film = Film(source, field.split(",") if field else (), "polar" if polar else "map", rate, look)
-        where = output or default_path(film)
-        film.save(where, _progress_reporter())
-        return where
-
-    show(_draw_or_exit(make))
+    with exit_on_fault("written", "the figure"):
+        display = display_options(window, limits, distance, wavelength, opacity, prefix="--")
+        film = Film(source, field.split(",") if field else (), "polar" if polar else "map", rate, display)
+        path = output or default_path(film)
+        film.save(path, _progress_reporter())
+    show(path)
 
 
 def _progress_reporter() -> Callable[[int, int], None]:
-    """Return a function that reports the progress of a film on standard error.
+    """Return a function that reports on standard error how many frames of a film are finished.
 
-    On a terminal it rewrites one line per frame; otherwise it prints a line every LINE_EVERY seconds.
+    On a terminal it rewrites one line after each frame; otherwise it prints a line every LINE_EVERY seconds.
     """
     from discsim.run.progress import LINE_EVERY
 
@@ -165,18 +150,3 @@ def _progress_reporter() -> Callable[[int, int], None]:
             print(f"frame {done} of {of}", file=sys.stderr, flush=True)
 
     return report_frame
-
-
-def _draw_or_exit(make: Callable[[], Path]) -> Path:
-    """Call `make`, which writes a figure or film, and return the path. On an error, print a message and exit."""
-    from discsim.output.fields.base import FieldError, PlotError
-    from discsim.output.snapshot import SnapshotError
-
-    try:
-        return make()
-    except (FieldError, PlotError, SnapshotError) as wrong:
-        fail(str(wrong))
-    except OSError as error:
-        fail(system_message(error, "written", "the figure"), NOT_WRITTEN)
-    except KeyboardInterrupt:
-        fail("interrupted; no file was written", INTERRUPTED)

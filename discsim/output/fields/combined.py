@@ -17,7 +17,7 @@ import numpy as np
 from discsim.output.fields import base
 
 if TYPE_CHECKING:
-    from discsim.output.fields.binned import Binned
+    from discsim.output.fields.binned import BinnedFields
 
 Array = np.ndarray
 SMALL = ("gas.small",)
@@ -30,7 +30,7 @@ SMALL = ("gas.small",)
     reads=SMALL,
     colours="plasma",
 )
-def dust_to_gas(at: Binned) -> Array:
+def dust_to_gas(at: BinnedFields) -> Array:
     """dust-to-gas ratio: (Sigma_d + Sigma_s) / Sigma, with small dust"""
     gas = at["gas.surface_density"]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -38,7 +38,7 @@ def dust_to_gas(at: Binned) -> Array:
 
 
 @base.of_places("", r"optical depth $\tau$", needs=("dust.mass", "physical", "plane"), reads=SMALL, colours="inferno")
-def optical_depth(at: Binned) -> Array:
+def optical_depth(at: BinnedFields) -> Array:
     """optical depth at --wavelength, seen face-on: tau = kappa Sigma_dust"""
     return at.optics.opacity_cgs * _all_dust(at) * at.snap.units.cgs("surface_density")
 
@@ -46,12 +46,12 @@ def optical_depth(at: Binned) -> Array:
 @base.of_places(
     "intensity", r"$I_\nu$", needs=("gas.temperature", "dust.mass", "physical", "plane"), reads=SMALL, colours="inferno"
 )
-def emission(at: Binned) -> Array:
+def emission(at: BinnedFields) -> Array:
     """optically thin emission of dust at the gas's temperature, at --wavelength: I = kappa Sigma_dust B(T)"""
     return optical_depth.values(at) * at.optics.planck(np.nan_to_num(at["gas.temperature"]))
 
 
-def _all_dust(at: Binned) -> Array:
-    """Return the surface density of all dust in each bin: dust particles, and small dust in gas particles."""
+def _all_dust(at: BinnedFields) -> Array:
+    """Return the surface density of all dust in each bin: that of dust particles and of small dust in gas particles."""
     dust = at["dust.surface_density"]
     return dust if at.snap.gas is None or at.snap.gas.small is None else dust + at["small_dust.surface_density"]

@@ -1,6 +1,7 @@
 """Display options of fields: window, range of colours, distance, wavelength and opacity.
 
-`Snapshot.field`, `discsim.plot` and the command line have the same arguments; `look_of` converts them to a `Look`.
+`Snapshot.field`, `discsim.plot` and the command line have the same arguments; `display_options` converts them to
+`DisplayOptions`.
 """
 
 from __future__ import annotations
@@ -15,7 +16,14 @@ import numpy as np
 from discsim.output.fields.base import FieldError, PlotError
 from discsim.output.fields.binned import Optics
 from discsim.output.fields.names import available_fields
-from discsim.output.fields.values import Window, default_window, in_rings, inner_radius, on_pixels, outer_radius
+from discsim.output.fields.values import (
+    Window,
+    default_window,
+    fields_in_rings,
+    fields_on_pixels,
+    inner_radius,
+    outer_radius,
+)
 from discsim.parts import FIELDS
 from discsim.scene.units import UnitError, Units, clipped, parse_quantity
 
@@ -25,19 +33,19 @@ if TYPE_CHECKING:
 Array = np.ndarray
 PIXELS = 480
 MAX_SIZE = 1e60  # numbers on axes are 0 or from 1/MAX_SIZE to MAX_SIZE in magnitude, as values of a scene
-RANGE_TEXT = f"from {1.0 / MAX_SIZE:g} to {MAX_SIZE:g}"
+RANGE_TEXT = f"{1.0 / MAX_SIZE:g} to {MAX_SIZE:g}"
 
 
 @dataclass(frozen=True)
-class Look:
+class DisplayOptions:
     """Display options of a figure or field.
 
-    `window` is the region: (R), half the side of a square or the outer radius; (R1, R2), a range of radii; or (X, Y,
-    R), the middle and half the side. It is a text like "50 au,80 au", a Quantity, or an array in code units; the
-    last two may also be corners (lower, upper). `limits` are the lowest and highest value of colours or axis, in the
-    unit shown. `distance` is the distance of the disc, an astropy Quantity, for angles in arcsec. `corners` and
-    `ends`, if set, replace `window` by a region and a range of radii in code units (see `shared`). `prefix` precedes
-    argument names in messages.
+    `window` is the region to show. Its numbers are (R), half the side of a square or the outer radius; (R1, R2), a
+    range of radii; or (X, Y, R), the middle and half the side. It is a text like "50 au,80 au", a Quantity, or an array
+    in code units. A Quantity or an array may also have the corners (lower, upper). `limits` are the lowest and the
+    highest value on the colour bar or axis, in its unit. `distance` is the distance of the disc as an astropy Quantity,
+    with which maps have angles in arcsec. `corners` (of a map) and `ends` (a range of radii), in code units, replace
+    `window` if they are set; see `common_to`. `prefix` precedes the names of arguments in messages, such as "--".
     """
 
     window: Any = None
@@ -66,7 +74,7 @@ class Look:
     def radii(self, snap: Snapshot, inner: float = 0.0) -> tuple[float, float]:
         """Return the range of radii (in 1D of positions) to show, in code units. Raises PlotError.
 
-        `inner` is the lower end if `window` gives none.
+        `inner` is the inner radius if `window` gives only an outer radius, or no radius.
         """
         if self.ends is not None:
             return self.ends
@@ -80,10 +88,10 @@ class Look:
             return float(low), float(high)
         return inner, float(given[0]) if len(given) else outer_radius(snap)
 
-    def shared(self, snaps: Sequence[Snapshot], kind: str) -> Look:
-        """Return these options with `corners` (for a "map") or `ends` set, to the same for all snapshots.
+    def common_to(self, snaps: Sequence[Snapshot], kind: str) -> DisplayOptions:
+        """Return these options with one region for several snapshots, which contains the region of each of them.
 
-        They contain the regions of all the snapshots. Raises PlotError.
+        For `kind` "map" the region is in `corners`, otherwise in `ends`. Raises PlotError.
         """
         if kind == "map":
             windows = [self.map_window(snap) for snap in snaps]
@@ -93,7 +101,7 @@ class Look:
         return replace(self, ends=(min(low for low, _ in spans), max(high for _, high in spans)))
 
     def _lengths(self, units: Units) -> Array:
-        """Return `window` in code units: one to three lengths, corners (2, 2), or no lengths by default.
+        """Return `window` in code units: one to three lengths, or corners (2, 2); without a window, an empty array.
 
         Raises PlotError.
         """
@@ -107,13 +115,11 @@ class Look:
         except UnitError as error:
             raise PlotError(f"{self.prefix}window: {error}") from None
         if not _in_range(given):
-            raise self._wrong(f"is out of range; expected 0, or sizes {RANGE_TEXT} in code units")
+            raise self._wrong(f"is out of range; expected 0, or sizes from {RANGE_TEXT} in code units")
         if given.ndim > 1:
-            if given.shape != (2, 2) or not (given[0] < given[1]).all():
-                raise self._wrong(
-                    'is not a region of the plane; expected a text like "50 au", or corners (lower, upper)'
-                )
-            return given
+            if given.shape == (2, 2) and (given[0] < given[1]).all():
+                return given
+            raise self._wrong('is not a region of the plane; expected a text like "50 au", or corners (lower, upper)')
         rising = len(given) != 2 or given[0] < given[1]
         if len(given) not in (1, 2, 3) or not rising or (len(given) != 2 and given[-1] <= 0.0):
             raise self._wrong('is not a region of the disc; expected "R", "R1,R2" or "X,Y,R", with R > 0 and R1 < R2')
@@ -124,7 +130,7 @@ class Look:
         return PlotError(f'{self.prefix}window: "{_message_text(self.window)}" {words}')
 
     def _length(self, text: str, units: Units) -> float:
-        """Return a text in code units of length; it may be an angle if `distance` is set. Raises UnitError."""
+        """Return the length in a text, in code units; it may be an angle if `distance` is set. Raises UnitError."""
         if units.system == "code":
             return units.of_text(text, "length")
         given = parse_quantity(text, units.expected("length"))
@@ -141,45 +147,38 @@ class Look:
             return given
         if given.unit.is_equivalent("arcsec"):
             if self.distance is None:
-                raise UnitError(f'"{text}" is an angle, but no distance is given; expected a length, or a distance too')
+                raise UnitError(f'"{text}" is an angle, but no distance is given; give a length, or a distance too')
             given = given.to_value("rad") * self.distance
         return units.in_code(given, "length")
 
-    def arcsec(self, units: Units) -> float | None:
+    def arcsec_per_au(self, units: Units) -> float | None:
         """Return arcsec per au at `distance`; None if it is not set. Raises PlotError for a scene in code units."""
         if self.distance is None:
             return None
         if units.system == "code":
-            raise PlotError(
-                f"{self.prefix}distance: the scene is in code units, so lengths cannot be converted to angles"
-            )
+            wrong = "the scene is in code units, so lengths cannot be converted to angles; leave out the distance"
+            raise PlotError(f"{self.prefix}distance: {wrong}")
         return 1.0 / float(self.distance.to_value("pc"))
 
 
-def look_of(
-    window: Any = None,
-    limits: Any = None,
-    distance: Any = None,
-    wavelength: Any = None,
-    opacity: Any = None,
-    pixels: int = PIXELS,
-    prefix: str = "",
-) -> Look:
+def display_options(
+    window: Any = None, limits: Any = None, distance: Any = None, wavelength: Any = None, opacity: Any = None,
+    pixels: int = PIXELS, prefix: str = "",
+) -> DisplayOptions:  # fmt: skip
     """Return display options from arguments of the command line or of Python functions. Raises PlotError.
 
-    In their order, arguments are texts like "50 au", "1e-3,10", "140 pc", "1.3 mm" and "2 cm2/g". They may also be
-    Quantities; `window` may be an array in code units, and `limits` a pair of numbers.
+    The first five arguments are texts like "50 au", "1e-3,10", "140 pc", "1.3 mm" and "2 cm2/g". They may also be
+    Quantities, except `limits`, which may be a pair of numbers. `window` may also be an array in code units.
     """
     optics = None
     if wavelength is not None or opacity is not None:
-        usual = Optics.usual().wavelength
-        seen = usual if wavelength is None else _quantity(wavelength, f"{prefix}wavelength", "mm")
+        seen = _quantity(Optics.default().wavelength if wavelength is None else wavelength, f"{prefix}wavelength", "mm")
         optics = Optics(seen, None if opacity is None else _quantity(opacity, f"{prefix}opacity", "cm2/g"))
     away = None if distance is None else _quantity(distance, f"{prefix}distance", "pc")
     ends = None if limits is None else _limits(limits, "--range" if prefix else "limits")
     if isinstance(pixels, bool) or not isinstance(pixels, Integral) or pixels < 1:
         raise PlotError(f"{prefix}pixels: {_message_text(pixels)}; expected a whole number, 1 or more")
-    return Look(_window(window, prefix), ends, away, optics, pixels=int(pixels), prefix=prefix)
+    return DisplayOptions(_window(window, prefix), ends, away, optics, pixels=int(pixels), prefix=prefix)
 
 
 def _window(given: Any, prefix: str) -> Any:
@@ -198,24 +197,23 @@ def _limits(given: Any, name: str) -> tuple[float, float]:
     try:
         low, high = (float(part) for part in (given.split(",") if isinstance(given, str) else given))
     except (TypeError, ValueError):
-        raise PlotError(
-            f'{name}: "{_message_text(given)}"; expected two numbers, LOW,HIGH, in the unit shown'
-        ) from None
+        wanted = "expected two numbers, LOW,HIGH, in the unit of the colour bar or axis"
+        raise PlotError(f'{name}: "{_message_text(given)}"; {wanted}') from None
     if not low < high:
         raise PlotError(f'{name}: "{_message_text(given)}"; expected LOW below HIGH')
     if not _in_range((low, high)):
-        raise PlotError(f'{name}: "{_message_text(given)}" is out of range; expected 0, or sizes {RANGE_TEXT}')
+        raise PlotError(f'{name}: "{_message_text(given)}" is out of range; expected 0, or sizes from {RANGE_TEXT}')
     return low, high
 
 
 def _in_range(given: Any) -> bool:
-    """Return whether each of the numbers is 0, or of a magnitude that axes can show."""
+    """Return whether each number is 0, or its magnitude lies in the range that axes can show."""
     size = np.abs(given)
     return bool(((size == 0.0) | ((size >= 1.0 / MAX_SIZE) & (size <= MAX_SIZE))).all())
 
 
 def _message_text(given: Any) -> str:
-    """Return an argument as one line of limited length for a message."""
+    """Return the argument `given` for a message, as one line of limited length."""
     return clipped(" ".join(str(given).split()))
 
 
@@ -229,25 +227,23 @@ def _quantity(given: Any, name: str, unit: str) -> Any:
     if np.ndim(value.value) != 0 or not value.unit.is_equivalent(unit) or not value.value > 0.0:
         raise PlotError(f'{name}: "{_message_text(given)}"; expected {expected}')
     if not _in_range(value.to_value(unit)):
-        raise PlotError(
-            f'{name}: "{_message_text(given)}" is out of range; expected {RANGE_TEXT.replace("from ", "")} {unit}'
-        )
+        raise PlotError(f'{name}: "{_message_text(given)}" is out of range; expected {RANGE_TEXT} {unit}')
     return value
 
 
 def field_of(snap: Snapshot, name: str, edges: Any = None, **given: Any) -> Any:
-    """Return a field as a Quantity; see `Snapshot.field`."""
+    """Return the field `name` as a Quantity, as `Snapshot.field` does; `given` are arguments of `display_options`."""
     found = available_fields(name, snap)
     if len(found) > 1:
         raise FieldError(f'"{name}" exists for several species; expected one of {", ".join(found)}')
-    field, snap, look = FIELDS[found[0]], snap.about_centre(), look_of(**given)
-    look.arcsec(snap.units)
+    field, snap, display = FIELDS[found[0]], snap.about_centre(), display_options(**given)
+    display.arcsec_per_au(snap.units)  # raises PlotError for a distance without physical units
     if edges is not None:
-        values = in_rings(snap, _edges(snap, edges), look.optics)[found[0]]
-    elif look.window is not None or field.kind != "particles":
+        values = fields_in_rings(snap, _edges(snap, edges), display.optics)[found[0]]
+    elif display.window is not None or field.kind != "particles":
         if snap.dimensions == 1:
-            raise FieldError(f"{found[0]}: a run in one dimension has no map; expected edges of bins")
-        values = on_pixels(snap, look.map_window(snap), look.pixels, look.optics)[found[0]]
+            raise FieldError(f"{found[0]}: a run in one dimension has no map; give edges of bins")
+        values = fields_on_pixels(snap, display.map_window(snap), display.pixels, display.optics)[found[0]]
     else:
         values = field.values(snap)
     return field.quantity(snap.units, values)
