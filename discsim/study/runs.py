@@ -58,7 +58,7 @@ class LoggedConsole:
         self.console.print(text)
         self.unwritten.append(text)
         if self.log.parent.exists():
-            with appended(self.log) as file:
+            with open_to_append(self.log) as file:
                 file.write("".join(f"{line}\n" for line in self.unwritten).encode())
             self.unwritten.clear()
 
