@@ -59,7 +59,7 @@ def measure(scene: Scene, most: int | None = None) -> Found:
         by[sim.limited_by] += 1
         return sim.state.step == most
 
-    sim.evolve(scene.run.until, after_step, only_looks=True)
+    sim.evolve(scene.run.until, after_step, read_only=True)
     share = sim.time / scene.run.until
     return Found(share, sim.state.step, by.most_common(1)[0][0], expected_steps(scene, sim.time))
 

@@ -117,7 +117,7 @@ def measure(tables: dict[str, Any], comm: Comm, parts: int = 0) -> list[dict[str
         return len(steps) == STEPS
 
     with watched() as passes:
-        sim.evolve(np.inf, after_step, only_looks=True)
+        sim.evolve(np.inf, after_step, read_only=True)
     comm.traffic.fold()
     sums = {name: each - first.get(name, Sum()) for name, each in comm.traffic.sums.items()}
     told = {

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from passes import watched
 
-from discsim.parts import USUAL_SCHEME
+from discsim.parts import DEFAULT_SCHEME
 
 if TYPE_CHECKING:
     from discsim import Simulation
@@ -57,7 +57,7 @@ def case(name: str, size: int, threads: int, scheme: str | None = None) -> dict[
         out["run"] |= {"threads": threads}
         out["drag"] |= {"scheme": scheme or out["drag"]["scheme"]}
         return out
-    drag = {"law": "stokes-number", "stokes": 0.1, "scheme": scheme or USUAL_SCHEME}
+    drag = {"law": "stokes-number", "stokes": 0.1, "scheme": scheme or DEFAULT_SCHEME}
     gravity = {"softening": 0.1, "sources": ["gas"]}
     dust = {"ratio": 0.01}
     if name == "gas":
@@ -132,7 +132,7 @@ def timed_steps(sim: Simulation) -> tuple[float, float, dict[str, float], dict[s
                 marks.append((time.process_time(), time.perf_counter(), sim.costs.copy().seconds))
             return len(marks) == 2
 
-        sim.evolve(np.inf, after_step, only_looks=True)
+        sim.evolve(np.inf, after_step, read_only=True)
     (cpu, wall, before), (cpu_then, wall_then, after) = marks
     return (
         (cpu_then - cpu) / STEPS,

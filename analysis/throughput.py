@@ -52,7 +52,7 @@ from rich.table import Table
 from script_helpers import some_of, whole_numbers
 from step_cost import STEPS, apart, case, scene, without_dust
 
-from discsim.parts import SCHEMES, USUAL_SCHEME
+from discsim.parts import DEFAULT_SCHEME, SCHEMES
 
 ORDER = ("gas", "star", "self_gravity", "dust", "drag")
 CASES = ("gas", "box", "gravity", "dust one-way", "dust two-way", "mix", "main")
@@ -276,7 +276,7 @@ def main() -> None:
     parser.add_argument("--threads", type=whole_numbers(1), default="1,2", help="numbers of threads")
     parser.add_argument("--parts", type=some_of(PARTS, "part"), default=",".join(PARTS))
     parser.add_argument("--cases", type=some_of(CASES, "case"), default=",".join(CASES))
-    parser.add_argument("--scheme", choices=list(SCHEMES), help=f"of the drag [{USUAL_SCHEME}; main: its own]")
+    parser.add_argument("--scheme", choices=list(SCHEMES), help=f"of the drag [{DEFAULT_SCHEME}; main: its own]")
     parser.add_argument(
         "--precision", choices=("double", "single"), default="double", help="of gas in `cases` [double]"
     )

@@ -25,15 +25,14 @@ _MODULE_OF_NAME = {
     "load_scene": "discsim.scene",
     "read_snapshot": "discsim.output.snapshot",
 }
-_SUBMODULES = ("plot",)  # with matplotlib
 
 
 def __getattr__(name: str) -> Any:
     # Import at first use, so that `discsim --help` and `discsim check` do not import numba.
     if name in _MODULE_OF_NAME:
         return getattr(import_module(_MODULE_OF_NAME[name]), name)
-    if name in _SUBMODULES:
-        return import_module(f"discsim.{name}")
+    if name == "plot":
+        return import_module("discsim.plot")
     raise AttributeError(f"module 'discsim' has no attribute {name!r}")
 
 

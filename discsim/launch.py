@@ -6,23 +6,22 @@ import os
 
 from discsim.printable import UserError
 
-# Names of the variables with the number of ranks and with the rank. First pair: MPICH, Intel MPI and Slurm's pmi2;
-# second: Open MPI; third: MVAPICH.
+# Names of the variables with the number of ranks, and with the rank, by launcher.
 LAUNCHERS = (
-    ("PMI_SIZE", "PMI_RANK"),
-    ("OMPI_COMM_WORLD_SIZE", "OMPI_COMM_WORLD_RANK"),
-    ("MV2_COMM_WORLD_SIZE", "MV2_COMM_WORLD_RANK"),
+    ("PMI_SIZE", "PMI_RANK"),  # MPICH, Intel MPI and Slurm's pmi2
+    ("OMPI_COMM_WORLD_SIZE", "OMPI_COMM_WORLD_RANK"),  # Open MPI
+    ("MV2_COMM_WORLD_SIZE", "MV2_COMM_WORLD_RANK"),  # MVAPICH
 )
 
 
 class LaunchError(UserError):
-    """Environment variables of an MPI launcher with invalid values; the message names them."""
+    """Error for environment variables of an MPI launcher with invalid values; the message names them."""
 
 
 def size_and_rank() -> tuple[int, int]:
-    """Return the number of MPI ranks and the rank of this process; (1, 0) without a launcher.
+    """Return the number of MPI ranks, and the rank of this process; (1, 0) without a launcher.
 
-    Raises LaunchError if the variables of a launcher hold no valid numbers.
+    Raises LaunchError if the variables of a launcher have no valid values.
     """
     for names in LAUNCHERS:
         texts = [os.environ[name] for name in names if name in os.environ]

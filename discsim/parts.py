@@ -19,83 +19,83 @@ from discsim.printable import UserError
 
 
 class PartError(UserError):
-    """A part of another package that cannot be used; the message has the name and the reason."""
+    """Error for a part of another package that cannot be used; the message has its name and the reason."""
 
 
 @cache
 def package_entry_points() -> Any:
-    """Return the entry points of all installed packages, from a single search."""
+    """Return the entry points of all installed packages, which are searched once."""
     return entry_points()
 
 
-class Parts(Mapping[str, Any]):
-    """Registry of the parts of one kind by name; parts of other packages come last.
+class Registry(Mapping[str, Any]):
+    """Mapping from names to the parts of one kind; parts of other packages come last.
 
-    group: name of the entry points of other packages. homes: where each part is, as "module:object". has: attributes
-    that every part must have.
+    group: group of the entry points by which other packages add parts. locations: location of each part of discsim, as
+    "module:object". required: attributes that every part must have.
     Looking up a name imports the module; iteration and `in` import nothing. Raises PartError if a part of another
-    package cannot be imported or lacks an attribute.
+    package cannot be imported or lacks a required attribute.
     """
 
-    def __init__(self, group: str, homes: Mapping[str, str], has: Sequence[str] = ()) -> None:
-        self.group, self._own, self._has = group, dict(homes), has
+    def __init__(self, group: str, locations: Mapping[str, str], required: Sequence[str] = ()) -> None:
+        self.group, self._own, self._required = group, dict(locations), required
 
     @cached_property
-    def homes(self) -> dict[str, str]:
+    def locations(self) -> dict[str, str]:
         """The location "module:object" of each part by name. Raises PartError if two parts have the same name."""
         found = dict(self._own)
         for point in package_entry_points().select(group=self.group):
             if found.get(point.name, point.value) != point.value:
                 raise PartError(
                     f'{self.group}: "{point.name}" is {found[point.name]}, and also {point.value} of another package; '
-                    "expected different names, or that package uninstalled"
+                    "expected different names: rename one of them, or uninstall that package"
                 )
             found[point.name] = point.value
         return found
 
     def module(self, name: str) -> str:
         """Return the name of the module that contains the part `name`."""
-        return self.homes[name].partition(":")[0]
+        return self.locations[name].partition(":")[0]
 
     def __getitem__(self, name: str) -> Any:
-        home = self.homes[name]
+        location = self.locations[name]
         try:
-            found = import_object(home)
+            found = import_object(location)
         except Exception as error:  # another package may raise anything
             if name in self._own:
                 raise
             wrong = f"{type(error).__name__}: {error}"
             raise PartError(
-                f'{self.group}: "{name}" of another package cannot be imported from {home}: {wrong}; '
-                "expected that package repaired or uninstalled"
+                f'{self.group}: "{name}" of another package cannot be imported from {location}: {wrong}; '
+                "repair or uninstall that package"
             ) from error
-        if lacks := [attribute for attribute in self._has if not hasattr(found, attribute)]:
+        if missing := [attribute for attribute in self._required if not hasattr(found, attribute)]:
             raise PartError(
-                f'{self.group}: "{name}" of another package, {home}, has no {lacks[0]}; '
-                "expected an object as in the recipes, or that package uninstalled"
+                f'{self.group}: "{name}" of another package, {location}, has no {missing[0]}; '
+                "expected an object as in the recipes: repair or uninstall that package"
             )
         return found
 
     def __contains__(self, name: object) -> bool:
-        return name in self.homes  # Mapping.__contains__ would import the part
+        return name in self.locations  # Mapping.__contains__ would import the part
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self.homes)
+        return iter(self.locations)
 
     def __len__(self) -> int:
-        return len(self.homes)
+        return len(self.locations)
 
 
-def import_object(home: str) -> Any:
-    """Import the module of "module:object", and return the object."""
-    module, _, attribute = home.partition(":")
+def import_object(location: str) -> Any:
+    """Import the module of the location "module:object", and return the object."""
+    module, _, attribute = location.partition(":")
     return getattr(import_module(module), attribute)
 
 
 class Lazy:
-    """Proxy of a module, which is imported at the first access to one of its attributes.
+    """Proxy of the module `name`, which is imported at the first access to one of its attributes.
 
-        kernels = Lazy("discsim.kernels.move")
+        moves = Lazy("discsim.kernels.common.move")
 
     numba and compiled kernels are slow to import, and commands that only read a scene do not need them.
     """
@@ -122,7 +122,7 @@ def install_command(extra: str) -> str:
 
 
 # Equations of state: values of `gas.eos.kind`.
-EOS = Parts(
+EOS = Registry(
     "discsim.eos",
     {
         "isothermal": "discsim.physics.eos:ISOTHERMAL",
@@ -130,11 +130,11 @@ EOS = Parts(
         "adiabatic": "discsim.physics.eos:ADIABATIC",
         "polytropic": "discsim.physics.eos:POLYTROPIC",
     },
-    has=("keys", "rules", "pressure_and_sound_speed"),
+    required=("keys", "rules", "pressure_and_sound_speed"),
 )
 
 # Laws of the stopping time: values of `drag.law`.
-LAWS = Parts(
+LAWS = Registry(
     "discsim.laws",
     {
         "epstein": "discsim.physics.laws:EPSTEIN",
@@ -144,11 +144,11 @@ LAWS = Parts(
         "stokes-number": "discsim.physics.laws:STOKES_NUMBER",
         "stokes-over-density": "discsim.physics.laws:STOKES_OVER_DENSITY",
     },
-    has=("form", "value", "rules"),
+    required=("form", "value", "rules"),
 )
 
 # Drag schemes: values of `drag.scheme`.
-SCHEMES = Parts(
+SCHEMES = Registry(
     "discsim.schemes",
     {
         "idic": "discsim.drag.idic:SCHEME",
@@ -162,12 +162,12 @@ SCHEMES = Parts(
         "sios-ppm": "discsim.drag.published.sios_ppm:SCHEME",
         "emsi-ppm": "discsim.drag.published.emsi_ppm:SCHEME",
     },
-    has=("kick", "advance", "cells"),
+    required=("kick", "advance", "cells"),
 )
-USUAL_SCHEME = "tsc"  # the default, which warnings about other schemes recommend
+DEFAULT_SCHEME = "tsc"  # warnings about other schemes recommend it
 
 # Initial conditions: values of `initial.kind`.
-STARTS = Parts(
+STARTS = Registry(
     "discsim.starts",
     {
         "disc": "discsim.initial.disc:START",
@@ -183,11 +183,11 @@ STARTS = Parts(
         "settling": "discsim.initial.settling:START",
         "vortex": "discsim.initial.vortex:START",
     },
-    has=("keys", "particles", "rules"),
+    required=("keys", "particles", "rules"),
 )
 
 # Effects by the name of their table in a scene, in the order in which a step calls them.
-EFFECTS = Parts(
+EFFECTS = Registry(
     "discsim.effects",
     {
         "gas": "discsim.effects.gas:Effect",
@@ -205,49 +205,35 @@ EFFECTS = Parts(
         "damping": "discsim.effects.damping:Effect",
         "growth": "discsim.effects.growth:Effect",
     },
-    has=("keys", "rules", "begin"),
+    required=("keys", "rules", "begin"),
 )
 
+# Fields of snapshots without the species in front; gas and dust have the same fields of motion.
+GAS_FIELDS = (
+    "surface_density", "density", "temperature", "pressure", "sound_speed", "aspect_ratio", "toomre_q", "h",
+)  # fmt: skip
+DUST_FIELDS = ("surface_density", "stokes", "stopping_time", "size")
+MOTION_FIELDS = ("v_r", "v_phi", "v_phi_excess", "v_x", "v_y", "eccentricity", "radius", "x", "y")
+
+
+def _fields_of(species: str, names: Sequence[str]) -> dict[str, str]:
+    """Return the locations of fields of a species by name: `names`, and the fields of motion."""
+    own = {f"{species}.{name}": f"discsim.output.fields.{species}:{name}" for name in names}
+    return own | {f"{species}.{name}": f"discsim.output.fields.motion:{species}_{name}" for name in MOTION_FIELDS}
+
+
 # Fields of snapshots: names for `discsim plot --field` and `snap.field`.
-FIELDS = Parts(
+FIELDS = Registry(
     "discsim.fields",
     {
-        "gas.surface_density": "discsim.output.fields.gas:surface_density",
-        "gas.density": "discsim.output.fields.gas:density",
-        "gas.temperature": "discsim.output.fields.gas:temperature",
-        "gas.pressure": "discsim.output.fields.gas:pressure",
-        "gas.sound_speed": "discsim.output.fields.gas:sound_speed",
-        "gas.aspect_ratio": "discsim.output.fields.gas:aspect_ratio",
-        "gas.toomre_q": "discsim.output.fields.gas:toomre_q",
-        "gas.h": "discsim.output.fields.gas:h",
-        "gas.v_r": "discsim.output.fields.motion:gas_v_r",
-        "gas.v_phi": "discsim.output.fields.motion:gas_v_phi",
-        "gas.v_phi_excess": "discsim.output.fields.motion:gas_v_phi_excess",
-        "gas.v_x": "discsim.output.fields.motion:gas_v_x",
-        "gas.v_y": "discsim.output.fields.motion:gas_v_y",
-        "gas.eccentricity": "discsim.output.fields.motion:gas_eccentricity",
-        "gas.radius": "discsim.output.fields.motion:gas_radius",
-        "gas.x": "discsim.output.fields.motion:gas_x",
-        "gas.y": "discsim.output.fields.motion:gas_y",
-        "dust.surface_density": "discsim.output.fields.dust:surface_density",
-        "dust.stokes": "discsim.output.fields.dust:stokes",
-        "dust.stopping_time": "discsim.output.fields.dust:stopping_time",
-        "dust.size": "discsim.output.fields.dust:size",
-        "dust.v_r": "discsim.output.fields.motion:dust_v_r",
-        "dust.v_phi": "discsim.output.fields.motion:dust_v_phi",
-        "dust.v_phi_excess": "discsim.output.fields.motion:dust_v_phi_excess",
-        "dust.v_x": "discsim.output.fields.motion:dust_v_x",
-        "dust.v_y": "discsim.output.fields.motion:dust_v_y",
-        "dust.eccentricity": "discsim.output.fields.motion:dust_eccentricity",
-        "dust.radius": "discsim.output.fields.motion:dust_radius",
-        "dust.x": "discsim.output.fields.motion:dust_x",
-        "dust.y": "discsim.output.fields.motion:dust_y",
+        **_fields_of("gas", GAS_FIELDS),
+        **_fields_of("dust", DUST_FIELDS),
         "small_dust.surface_density": "discsim.output.fields.dust:small_surface_density",
         "dust_to_gas": "discsim.output.fields.combined:dust_to_gas",
         "optical_depth": "discsim.output.fields.combined:optical_depth",
         "emission": "discsim.output.fields.combined:emission",
     },
-    has=("kind", "species", "values"),
+    required=("kind", "species", "values"),
 )
 
 # Gas models; a scene uses the first one that fits. Other packages cannot add gas models or integrators.

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 
 class UserError(Exception):
-    """Base class of errors that the user can correct; the message is one printable line."""
+    """Base class of errors that the user can correct; the message becomes one printable line."""
 
     def __init__(self, message: str) -> None:
         super().__init__(printable(message))
@@ -40,7 +40,7 @@ def printable(text: object) -> str:
 
 
 def printable_lines(text: object) -> str:
-    """Escape a text as in `printable`, but keep its line breaks; for text in which discsim itself set them."""
+    """Escape a text as `printable`, except its line breaks; for texts whose line breaks are from discsim."""
     return "\n".join(map(printable, str(text).split("\n")))
 
 

@@ -1,6 +1,6 @@
 """The setups (example scenes) that come with discsim.
 
-An installed package has them in `setups/` next to this module, a clone of the repository in `setups/` at its top.
+They are in `setups/` next to this module in an installed package, and in `setups/` at the top of a clone.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ _LABELLED_LINE = re.compile(r"([A-Z][A-Za-z ]*): +(.+)")
 
 
 class ShippedError(UserError):
-    """An unknown name of a setup, or a copy that would replace a file; the message has the details."""
+    """Error for an unknown name of a setup, or a copy that would replace a file; the message gives the reason."""
 
 
 @dataclass(frozen=True)
 class Setup:
-    """A shipped scene file, with the notes from the comment at its top."""
+    """A shipped scene file at `path`, with the notes in the comment at its top."""
 
     path: Path
 
@@ -52,7 +52,7 @@ class Setup:
 
     @property
     def notes(self) -> dict[str, str]:
-        """The labelled notes in the comment at the top, such as "How long: ...", as a dict from label to text."""
+        """The labelled notes in the comment at the top, such as "How long: ...": texts by label, such as "How long"."""
         found: dict[str, str] = {}
         label = ""
         for line in self._comment()[1:]:
@@ -66,18 +66,19 @@ class Setup:
         return found
 
     def _comment(self) -> list[str]:
+        """Return the lines of the comment at the top of the file, without "#"; one empty line if there is none."""
         head = re.match(r"(?:#.*\n)+", self.text)
         return [line.removeprefix("#").strip() for line in head[0].splitlines()] if head else [""]
 
 
 def setups() -> dict[str, Setup]:
     """Return the shipped setups by name."""
-    folder = next(place for place in SETUP_DIRECTORIES if place.is_dir())
+    folder = next(directory for directory in SETUP_DIRECTORIES if directory.is_dir())
     return {path.stem: Setup(path) for path in sorted(folder.glob("*.toml"))}
 
 
 def setup(name: str) -> Setup:
-    """Return the shipped setup `name`. Raises ShippedError, with the nearest name, if there is none."""
+    """Return the shipped setup `name`. Raises ShippedError, which suggests the nearest name, if there is none."""
     known = setups()
     if name not in known:
         raise ShippedError(f"{name}: unknown setup{_nearest_hint(name, known)}")
@@ -87,31 +88,30 @@ def setup(name: str) -> Setup:
 def scene_file(given: Path) -> Path:
     """Return the scene file that the command-line argument `given` names.
 
-    The file `given` itself comes first. If `given` is a bare NAME without suffix, the file NAME.toml and then the
-    shipped setup NAME follow. Raises ShippedError if there is none of these.
+    This is the file `given`, if it exists. If `given` is a bare NAME without suffix, it is otherwise the file
+    NAME.toml or else the shipped setup NAME. Raises ShippedError if there is none of these.
     """
     if os.path.isfile(given):
         return given
     known, bare = setups(), given.name == str(given) and not given.suffix
-    beside = Path(f"{given}.toml")
-    if bare and os.path.isfile(beside):
-        return beside
+    with_suffix = Path(f"{given}.toml")
+    if bare and os.path.isfile(with_suffix):
+        return with_suffix
     if bare and given.name in known:
         return known[given.name].path
-    if os.path.lexists(given):
-        return given  # a directory or an unreadable file: loading the scene gives the message
-    expected = "file not found; expected a scene file (TOML)"
-    if given.stem in known:
-        raise ShippedError(f"{given}: {expected}; to use the setup of this name, give: {given.stem}")
-    if bare:
-        raise ShippedError(f"{given}: {expected}, or the name of a setup{_nearest_hint(given.name, known)}")
-    return given
+    if not os.path.lexists(given):
+        expected = "file not found; expected a scene file (TOML)"
+        if given.stem in known:
+            raise ShippedError(f"{given}: {expected}; to use the setup of this name, give: {given.stem}")
+        if bare:
+            raise ShippedError(f"{given}: {expected}, or the name of a setup{_nearest_hint(given.name, known)}")
+    return given  # if it is no readable file, loading the scene gives the message
 
 
 def copy_setup(name: str, path: Path) -> None:
     """Copy the shipped setup `name` to the new file `path`.
 
-    Raises ShippedError if the setup is unknown or the file exists, OSError if it cannot be written.
+    Raises ShippedError if the setup is unknown or the file exists, and OSError if the file cannot be written.
     """
     content = setup(name).path.read_bytes()
     try:
@@ -127,5 +127,6 @@ def copy_setup(name: str, path: Path) -> None:
 
 
 def _nearest_hint(name: str, known: dict[str, Setup]) -> str:
+    """Return the end of a message about an unknown setup `name`: the nearest known name, or where to find the names."""
     near = get_close_matches(name.lower(), known, n=1, cutoff=0.5)
     return f'; did you mean "{near[0]}"?' if near else "; `discsim setups` lists them"

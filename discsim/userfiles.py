@@ -15,7 +15,7 @@ from pathlib import Path
 from discsim.printable import UserError
 
 LARGEST_TEXT = 2**26  # largest text file in bytes: about a history of a million rows
-SPECIAL_KINDS = {
+KIND_NAMES = {
     stat.S_IFIFO: "a FIFO",
     stat.S_IFSOCK: "a socket",
     stat.S_IFCHR: "a device",
@@ -50,7 +50,7 @@ def open_plain(path: str | os.PathLike[str]) -> io.BufferedReader:
 
 
 def read_plain(path: str | os.PathLike[str], most: int = LARGEST_TEXT) -> bytes:
-    """Return the content of a plain file. Raises OSError if it cannot be read or has more than `most` bytes."""
+    """Return the content of a plain file. Raises OSError if the file cannot be read or has more than `most` bytes."""
     with open_plain(path) as file:
         content = file.read(most + 1)
     if len(content) > most:
@@ -61,14 +61,14 @@ def read_plain(path: str | os.PathLike[str], most: int = LARGEST_TEXT) -> bytes:
 def read_text(path: str | os.PathLike[str], errors: str = "strict", most: int = LARGEST_TEXT) -> str:
     """Return the text of a plain UTF-8 file, with Unix line breaks.
 
-    errors: treatment of invalid bytes, as in `bytes.decode`. most: largest size in bytes.
-    Raises OSError, UnicodeDecodeError.
+    errors: treatment of invalid bytes, as in `bytes.decode`. most: largest allowed size in bytes. Raises OSError as
+    `read_plain`, and UnicodeDecodeError.
     """
     return read_plain(path, most).decode("utf-8", errors).replace("\r\n", "\n")
 
 
 def copy_plain(path: Path, to: Path) -> None:
-    """Copy a plain file. Raises UserError if it cannot be read, OSError if the copy cannot be written."""
+    """Copy the plain file `path` to `to`. Raises UserError if `path` cannot be read, and OSError for faults of `to`."""
     try:
         source = open_plain(path)
     except OSError as fault:
@@ -78,7 +78,7 @@ def copy_plain(path: Path, to: Path) -> None:
 
 
 def system_message(fault: OSError, verb: str, path: Path | str) -> str:
-    """Return a message about an OSError: "PATH: cannot be written: no space left on device".
+    """Return a message about an OSError, such as "PATH: cannot be written: No space left on device".
 
     Parameters
     ----------
@@ -101,11 +101,12 @@ def system_message(fault: OSError, verb: str, path: Path | str) -> str:
 
 
 def kind_of(mode: int) -> str:
-    """Return the kind of a special file in words, from its `st_mode`."""
-    return SPECIAL_KINDS.get(stat.S_IFMT(mode), "a file of unknown type")
+    """Return the kind of a file that is not plain, such as "a FIFO", from its `st_mode`."""
+    return KIND_NAMES.get(stat.S_IFMT(mode), "a file of unknown type")
 
 
 def _refuse_special(mode: int, path: str | os.PathLike[str]) -> None:
+    """Raise OSError unless `mode`, the `st_mode` of the file at `path`, is that of a plain file."""
     if stat.S_ISDIR(mode):
         raise IsADirectoryError(errno.EISDIR, "is a directory, not a plain file", str(path))
     if not stat.S_ISREG(mode):

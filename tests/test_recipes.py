@@ -139,7 +139,7 @@ def test_the_part_of_a_recipe_resumes_to_the_same_bits(following, tmp_path, reci
 def test_there_is_a_recipe_for_each_kind_of_part():
     from discsim import parts
 
-    groups = {value.group for value in vars(parts).values() if isinstance(value, parts.Parts)}
+    groups = {value.group for value in vars(parts).values() if isinstance(value, parts.Registry)}
     named = set()
     for recipe in NAMES:
         text = files_of((PAGES / f"{recipe}.md").read_text(encoding="utf-8"))["pyproject.toml"]

@@ -11,7 +11,7 @@ import typer
 
 from discsim.cli.base import SceneArgument, SetOption, VaryOption, WithoutOption, app, exit_on_fault, fail, load
 from discsim.printable import printable
-from discsim.run.directory import held, refuse_directory
+from discsim.run.directory import locked_directory, refuse_directory
 
 ERROR_NOT_REACHED = 4
 
@@ -81,7 +81,7 @@ def cost(
             options = SearchOptions(goal, seconds, measure, finer, varied, keep or (), repeat or 3, parallel)
             make = partial(Cheapest(scene, directory, options, *changed).make, title)
         refuse_directory(directory, resume=False)
-        with held(directory):
+        with locked_directory(directory):
             reached = make()
     if not reached:
         raise SystemExit(ERROR_NOT_REACHED)

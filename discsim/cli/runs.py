@@ -24,7 +24,7 @@ from discsim.cli.base import (
 from discsim.launch import size_and_rank
 from discsim.parts import install_command
 from discsim.printable import printable
-from discsim.run.directory import held, refuse_directory
+from discsim.run.directory import locked_directory, refuse_directory
 
 if TYPE_CHECKING:
     from discsim.scene import Scene
@@ -97,7 +97,7 @@ def branch(
     if not preview:
         refuse_directory(into, resume=False)
     if preview or not quiet:
-        show(made.words)
+        show(made.text)
     if preview:
         from discsim.preview.check import report
 
@@ -140,7 +140,7 @@ def sweep(
         with exit_on_fault("read or written", directory, again):
             varied = [Varied.from_text(text) for text in vary]
             made = Sweep(scene, varied, directory, measure or (), settings or (), without or ())
-            with held(directory):
+            with locked_directory(directory):
                 made.make(loaded.title or printable(scene), parallel, console)
     except RunError as failed:
         raise SystemExit(failed.status) from None

@@ -9,7 +9,7 @@ import numpy as np
 
 from discsim.drag.width import drift_error
 from discsim.numerics.layout import NOISY_LOADING
-from discsim.parts import SCHEMES, USUAL_SCHEME
+from discsim.parts import DEFAULT_SCHEME, SCHEMES
 from discsim.physics import laws
 from discsim.physics.local import GasSamples
 
@@ -52,7 +52,7 @@ def _negligible_drag(scene: Scene, at: GasSamples) -> Iterator[str]:
 def _wide_cells(scene: Scene, at: GasSamples) -> Iterator[str]:
     """Yield a warning of drag cells that are wider than the scale height."""
     found, drag = at.in_drag_cells(), scene.drag
-    if drag.scheme != USUAL_SCHEME or found is None or at.scale_height is None:
+    if drag.scheme != DEFAULT_SCHEME or found is None or at.scale_height is None:
         return
     widths = found[0] / at.scale_height
     worst = int(np.argmax(widths))
@@ -108,7 +108,7 @@ def _scheme_limits(scene: Scene, at: GasSamples) -> Iterator[str]:
             if short[worst] > 1:
                 yield (
                     f'drag.scheme "{drag.scheme}" is explicit: {at.where(worst)} its time steps are {short[worst]:.2g} '
-                    f'times shorter than those of the gas: use "{USUAL_SCHEME}"'
+                    f'times shorter than those of the gas: use "{DEFAULT_SCHEME}"'
                 )
         if scheme.damps:
             ratio = at.resolution / (at.sound_speed * time)
@@ -117,6 +117,6 @@ def _scheme_limits(scene: Scene, at: GasSamples) -> Iterator[str]:
                 more = ratio[worst] ** scene.space.dimensions
                 yield (
                     f"h is {ratio[worst]:.2g} times c_s t_stop {at.where(worst)}, above 1, where "
-                    f'drag.scheme "{drag.scheme}" damps too much: use "{USUAL_SCHEME}", or raise gas.particles '
+                    f'drag.scheme "{drag.scheme}" damps too much: use "{DEFAULT_SCHEME}", or raise gas.particles '
                     f"by a factor of {more:.2g}"
                 )

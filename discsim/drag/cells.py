@@ -22,7 +22,7 @@ from discsim.kernels.drag.frame import Frame
 from discsim.numerics import alloc, world
 from discsim.numerics.grid import Grid
 from discsim.numerics.layout import leaves
-from discsim.numerics.sorting import counting_sort, counts
+from discsim.numerics.sorting import counting_sort, key_counts
 from discsim.numerics.threads import parallel_for
 
 Array = np.ndarray
@@ -200,7 +200,7 @@ def _counts_in_leaves(part: Lattice, *keys: Array) -> tuple[Array, Array, int]:
     The last number is that of all ranks.
     """
     count = math.prod(part.shape) + 1
-    gas, dust = (counts(key, count) for key in keys)
+    gas, dust = (key_counts(key, count) for key in keys)
     return gas, dust, int(world.processes.sum(int(gas[-1]) + int(dust[-1])))
 
 

@@ -98,4 +98,4 @@ class Effect(base.Effect):
     def sort(self, state: State) -> None:
         """Sort the arrays of the dust by grid cell, if the state has a grid."""
         if state.grid is not None:
-            state.dust.sort(*state.grid.places(state.dust.pos))
+            state.dust.sort(*state.grid.sort_keys(state.dust.pos))

@@ -208,7 +208,7 @@ class _GasSampler:
 
     def __init__(self, effect: Effect, state: State) -> None:
         self.effect, self.state = effect, state
-        self.gas = meeting.Surroundings(effect.sph, state.gas) if effect.sph is not None else None
+        self.gas = meeting.GasCells(effect.sph, state.gas) if effect.sph is not None else None
 
     def at(self, pos: np.ndarray) -> np.ndarray:
         """Return gas properties (n, 3 + 2 d) at the dust positions `pos` (n, d).
@@ -223,7 +223,7 @@ class _GasSampler:
                 return field
             parallel_for(kernels.given_about, len(pos), pos, effect.drag.kernel_disc(state.central_mass), field)
             return field
-        gas, met = state.gas, self.gas.meet(pos, state.dust.global_index)
+        gas, met = state.gas, self.gas.neighbours_of(pos, state.dust.global_index)
         speed2 = thermal_speed(effect.scene, gas) ** 2
         field = np.zeros((len(met.grain_pos), columns))
         parallel_for(
@@ -247,7 +247,7 @@ class _GasSampler:
         middle_density = self.at(middle)[:, kernels.DENSITY].copy()
         empty = middle_density == 0.0
         middle[empty], middle_density[empty] = start[empty], density[empty]
-        met = self.gas.meet(middle, self.state.dust.global_index)
+        met = self.gas.neighbours_of(middle, self.state.dust.global_index)
         vel = met.gas.of(gas.vel)
         parallel_for(
             kernels.recoil_driver(effect.sph.kernel), len(met.cells.filled), met.cells, met.grain_cells, met.pos, met.h,

@@ -207,7 +207,7 @@ class Effect(base.Effect):
 
     def accelerate(self, view: base.View) -> float:
         """Add the accelerations by pressure and viscosity to `acc_unshared`, and return the step limit."""
-        gas, predicted = view.gas, view.take(DENSITY)
+        gas, predicted = view.gas, view.pop(DENSITY)
         if predicted is None:
             return np.inf
         (vel, u), acc = predicted, gas.acc_unshared

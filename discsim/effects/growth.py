@@ -36,7 +36,7 @@ from discsim.scene.keys import Sizes
 from discsim.scene.rules import Draft, Problem, missing_tables
 
 if TYPE_CHECKING:
-    from discsim.numerics.meeting import Meeting
+    from discsim.numerics.meeting import GasDustNeighbours
     from discsim.scene import Scene
 
 kernels = Lazy("discsim.kernels.dust.growth")
@@ -197,7 +197,7 @@ class Effect(base.Effect):
         """
         dust = state.dust
         centre = np.zeros(2) if state.centre is None else state.centre[0]
-        met = meeting.Surroundings(self.sph, state.gas).meet(dust.pos, dust.global_index)
+        met = meeting.GasCells(self.sph, state.gas).neighbours_of(dust.pos, dust.global_index)
         field = self._surroundings(state, met, centre)
         local = field[met.grains.own]
         wanted = np.empty(dust.count)
@@ -215,7 +215,7 @@ class Effect(base.Effect):
         fastest = max(*rates, float(omega.max(initial=0.0)) * GROWTH_STEP / (2.0 * math.pi))
         return float(world.processes.most(fastest))
 
-    def _surroundings(self, state: State, met: Meeting, centre: np.ndarray) -> np.ndarray:
+    def _surroundings(self, state: State, met: GasDustNeighbours, centre: np.ndarray) -> np.ndarray:
         """Return properties (n, COLUMNS) of the gas and dust around each dust particle, including ghost particles.
 
         met: gas and dust neighbours. centre (2,): position of the centre of the disc.
@@ -235,13 +235,13 @@ class Effect(base.Effect):
         met.grains.refresh(field)
         return field
 
-    def _carriers(self, state: State, met: Meeting) -> Any:
+    def _carriers(self, state: State, met: GasDustNeighbours) -> Any:
         """Return arrays of the gas particles, which carry the small dust, including ghost particles."""
         gas = state.gas
         mass = gas.mass - gas.small if self.mass_includes_small else gas.mass
         return sums.Carriers(met.pos, *(met.gas.of(array) for array in (gas.vel, gas.h, mass, gas.small)))
 
-    def _exchange_mass(self, state: State, met: Meeting, field: np.ndarray, wanted: np.ndarray) -> None:
+    def _exchange_mass(self, state: State, met: GasDustNeighbours, field: np.ndarray, wanted: np.ndarray) -> None:
         """Exchange mass between dust particles and the small dust of the gas around them.
 
         met: gas and dust neighbours. field: result of `_surroundings`. wanted (n,): mass that each dust particle should

@@ -256,7 +256,7 @@ class Effect(base.Effect):
     def _monopole(self) -> _Monopole:
         """Return the mass that was on the grid at the last computation of the potential, as one point."""
         # Cloud-in-cell deposition conserves mass and first moments, so the grid has the barycentre of the particles.
-        sums = self.mesh.sums()
+        sums = self.mesh.density_sums()
         total = float(sums[0].sum())
         if total == 0.0:
             return _Monopole(0.0, np.zeros(2), self.kernel)

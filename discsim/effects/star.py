@@ -165,7 +165,7 @@ class Effect(base.Effect):
             self.orbits.accelerate(bodies)
 
     def limit(self, view: base.View) -> dict[str, base.Limit]:
-        nearest, found = view.take("star.nearest", {}), {}
+        nearest, found = view.pop("star.nearest", {}), {}
         for name, p in view.species.items():
             distance2 = nearest.get(name) or min(
                 parallel_for(kernels.nearest, p.count, p.pos, *view.star_place, light=True)

@@ -285,8 +285,9 @@ def _mean_velocities(particles: Any, population: int, radius: Array) -> Array:
 def mean_gravity(state: State, effects: dict[str, Any]) -> Callable[[Array], Array]:
     """Return a function of radii (n,) that returns the inward acceleration (n,) by star, companions and self-gravity.
 
-    The acceleration is averaged over azimuth. Self-gravity is computed here, at the particles of `state.limiting`: dust
-    with one-way drag must not change the gas. `acc` of all particles in `state` is overwritten.
+    The acceleration is averaged over azimuth. Self-gravity is computed here, at the particles of
+    `state.limiting_species`: dust with one-way drag must not change the gas. `acc` of all particles in `state` is
+    overwritten.
     """
 
     def pull(radius: Array) -> Array:
@@ -299,11 +300,11 @@ def mean_gravity(state: State, effects: dict[str, Any]) -> Callable[[Array], Arr
 
     if "self_gravity" not in effects:
         return pull
-    r = np.concatenate([np.sqrt((p.pos**2).sum(axis=1)) for p in state.limiting])
+    r = np.concatenate([np.sqrt((p.pos**2).sum(axis=1)) for p in state.limiting_species])
     for p in state.species.values():
         p.acc[:] = 0.0
     accelerate(effects["self_gravity"], state)
-    inward = -np.concatenate([(p.acc * p.pos).sum(axis=1) for p in state.limiting]) / r
+    inward = -np.concatenate([(p.acc * p.pos).sum(axis=1) for p in state.limiting_species]) / r
     edges = np.linspace(r.min(), r.max(), max(2, int(np.ptp(r) / state.grid.cell)) + 1)
     number, _ = np.histogram(r, edges)
     total, _ = np.histogram(r, edges, weights=inward)

@@ -1,6 +1,7 @@
 """Allocation of arrays that have spare capacity or are aligned to cache lines.
 
-With spare capacity behind the last entry, ghosts or arriving particles can be appended without a copy of the array.
+Spare capacity is reserved memory after the last entry. Ghosts or arriving particles can be appended there without a
+copy of the array.
 """
 
 import math
@@ -9,7 +10,7 @@ from weakref import WeakValueDictionary
 import numpy as np
 
 Array = np.ndarray
-# Arrays whose spare capacity is unused, by id.
+# Arrays made by `allocate`, with their spare capacity, by id.
 _with_spare_capacity: WeakValueDictionary[int, Array] = WeakValueDictionary()
 
 CACHE_LINE = 64  # bytes of a cache line, and of the longest SIMD vectors
@@ -27,9 +28,9 @@ def aligned(shape: tuple[int, ...], dtype: type = np.float64) -> Array:
 
 
 def allocate(count: int, like: Array, spare: int) -> Array:
-    """Return an uninitialised array (count, ...) with the dtype and further axes of `like` (n, ...).
+    """Return an uninitialised array (count, ...) with the dtype and the other axes of `like` (n, ...).
 
-    spare: number of further entries for which memory is reserved.
+    spare: spare capacity, the number of entries that can be appended without a copy.
     """
     whole = np.empty((count + spare, *like.shape[1:]), like.dtype)
     if spare > 0:
@@ -38,22 +39,21 @@ def allocate(count: int, like: Array, spare: int) -> Array:
 
 
 def allocate_like(array: Array, numbers: type | None = None) -> Array:
-    """Return an uninitialised array with the shape, dtype and spare capacity of `array`.
+    """Return an uninitialised array with the shape, dtype and spare capacity of `array` (n, ...).
 
-    numbers: dtype of a one-dimensional result (n,), in place of the dtype and shape of `array`.
+    numbers: if given, the result has the shape (n,) and this dtype.
     """
-    whole, same = array.base, array if numbers is None else np.empty(0, numbers)
-    return allocate(
-        len(array), same, len(whole) - len(array) if whole is not None and _has_spare_capacity(array, whole) else 0
-    )
+    like = array if numbers is None else np.empty(0, numbers)
+    return allocate(len(array), like, len(_with_capacity(array)) - len(array))
 
 
 def grow(array: Array, count: int) -> Array | None:
-    """Return a view of `array` extended to `count` entries, or None if its spare capacity is too small."""
-    whole = array.base
-    if whole is None or not _has_spare_capacity(array, whole) or len(whole) < count:
-        return None
-    return whole[:count]
+    """Return a view of `array` extended to `count` entries, or None if its spare capacity is too small.
+
+    The additional entries are uninitialised.
+    """
+    whole = _with_capacity(array)
+    return None if whole is array or len(whole) < count else whole[:count]
 
 
 def same_address(one: Array, other: Array) -> bool:
@@ -61,8 +61,12 @@ def same_address(one: Array, other: Array) -> bool:
     return len(one) > 0 and len(other) > 0 and _address(one) == _address(other)
 
 
-def _has_spare_capacity(array: Array, whole: Array) -> bool:
-    return id(whole) in _with_spare_capacity and array.ndim == whole.ndim and _address(array) == _address(whole)
+def _with_capacity(array: Array) -> Array:
+    """Return `array` extended by its spare capacity; `array` itself if it has none."""
+    whole = array.base
+    if whole is None or id(whole) not in _with_spare_capacity or array.ndim != whole.ndim:
+        return array
+    return whole if _address(array) == _address(whole) else array
 
 
 def _address(array: Array) -> int:

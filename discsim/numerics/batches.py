@@ -1,4 +1,4 @@
-"""Bounding boxes of batches, each of BATCH consecutive particles, computed on several threads."""
+"""Bounding boxes of batches of BATCH consecutive particles, computed on several threads."""
 
 import numpy as np
 
@@ -11,17 +11,17 @@ LEAST = 64  # least number of batches in a chunk
 
 
 def bounds_of(pos: Array) -> Array:
-    """Return the bounding box of each batch of positions (n, d): smallest x, largest x, smallest y, largest y.
+    """Return the bounding boxes (batches, 4) of the batches of positions `pos` (n, d).
 
-    The result is (batches, 4).
+    The columns are the smallest x, the largest x, the smallest y and the largest y.
     """
     return update_bounds(np.empty((0, 4)), pos, np.empty(0, np.int64))
 
 
 def update_bounds(bounds: Array, pos: Array, rows: Array) -> Array:
-    """Return new bounds (batches, 4) of positions (n, d), from the former `bounds`.
+    """Return the bounding boxes of `pos`, as `bounds_of`, from `bounds`, those of earlier positions.
 
-    rows: rows whose positions have changed. The number of rows may have changed too.
+    rows: rows whose positions have changed since. The number of positions may have changed too.
     """
     out = np.empty((-(-len(pos) // BATCH), 4))
     same = min(len(bounds), len(out))

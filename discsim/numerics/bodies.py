@@ -1,4 +1,4 @@
-"""State of the star and its companions in a run: small arrays, with the star as entry 0."""
+"""State of the star and its companions in a run: arrays with one entry each, the star first."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ SPECIES = ("gas", "dust")
 
 @dataclass(kw_only=True)
 class Bodies:
-    """Star and companions in code units, one entry each, the star first.
+    """Star and companions in code units. Arrays have one entry for each body; entry 0 is the star.
 
     Attributes
     ----------
@@ -30,7 +30,8 @@ class Bodies:
     gained : ndarray, shape (n,)
         Part of the accreted mass that is included in `mass`.
     begun : ndarray, shape (n,)
-        Time at which the ramp of the mass and the fixed orbit began; below 0 if the run continues from a snapshot.
+        Time at which the ramp of the mass, or the fixed orbit, began. It may be earlier than the start of a run that
+        continues from a snapshot.
     felt : ndarray, shape (n,)
         Masses of the bodies in the gravity on gas and dust. They differ from `mass` only during a ramp
         (`physics/orbits.py`).
@@ -51,6 +52,7 @@ class Bodies:
 
     @classmethod
     def at_rest(cls, mass: Array) -> Self:
+        """Return bodies with these masses (n,), at rest at the origin, which have accreted nothing."""
         n = len(mass)
         vectors = {name: np.zeros((n, 2)) for name in ("pos", "vel", "acc", "accreted")}
         numbers = {name: np.zeros(n) for name in ("gained", "begun", "felt")}
@@ -61,16 +63,18 @@ class Bodies:
         return len(self.mass)
 
     def name(self, number: int) -> str:
-        """Return the name of body `number` for messages."""
+        """Return the name of body `number` for messages, such as "companion 1"."""
         return f"companion {number}" if number > 0 else "the star"
 
     def arrays(self) -> dict[str, Array]:
+        """Return the arrays by name."""
         return {f.name: getattr(self, f.name) for f in fields(self)}
 
     def copy(self) -> Self:
         return type(self)(**{name: array.copy() for name, array in self.arrays().items()})
 
     def kick(self, dt: float) -> None:
+        """Advance the velocities over dt by `acc`."""
         self.vel += dt * self.acc
 
     @property
@@ -79,6 +83,6 @@ class Bodies:
         return self.pos + self.shift
 
     def barycentre(self, chosen: Array) -> tuple[Array, Array]:
-        """Return position and velocity, (2,) each, of the barycentre of some bodies; chosen (n,): mask of these."""
+        """Return position and velocity, (2,) each, of the barycentre of the bodies in the mask `chosen` (n,)."""
         share = self.mass * chosen / self.mass[chosen].sum()
         return share @ self.pos, share @ self.vel

@@ -9,21 +9,21 @@ import numpy as np
 
 from discsim.parts import install_command
 
-COLUMN_PREFIXES = {"pos": "", "vel": "v", "acc": "a"}  # column x of vel is vx
+COLUMN_PREFIXES = {"pos": "", "vel": "v", "acc": "a"}  # the column of the x component of vel is vx
 AXES = "xy"
 
 
 def dataframe_of(arrays: Mapping[str, np.ndarray]) -> Any:
-    """Return a pandas DataFrame with copies of particle arrays, and `ids` as its index.
+    """Return a pandas DataFrame with copies of particle arrays, and the array `ids` as its index.
 
-    arrays: (n,) or (n, dimensions), by name. Components of pos, vel and acc are the columns x, y, vx, vy, ax, ay; those
-    of other vectors are name_x and name_y. Raises ImportError if pandas is not installed.
+    arrays: arrays (n,) or (n, dimensions) by name. The components of pos, vel and acc become the columns x, y, vx, vy,
+    ax, ay; those of any other vector become name_x and name_y. Raises ImportError if pandas is not installed.
     """
     try:
         import pandas
     except ImportError as error:
         needed = "to_pandas() needs pandas, which is not installed"
-        raise ImportError(f"{needed}; expected {install_command('pandas')}") from error
+        raise ImportError(f"{needed}; install it with {install_command('pandas')}") from error
     columns: dict[str, np.ndarray] = {}
     for name, array in arrays.items():
         if name == "ids":

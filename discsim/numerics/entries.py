@@ -1,12 +1,12 @@
-"""Checks of types, shapes and ranges of particle arrays that a caller has set or that were read from a file.
+"""Checks of types, shapes and ranges of particle arrays from a caller, a checkpoint or a snapshot.
 
-Files are checkpoints and snapshots. Kernels do not check their arrays, and use some of them as indices.
+Kernels do not check their arrays, and use some of them as indices.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
@@ -28,9 +28,10 @@ class EntryError(UserError, ValueError):
 
 
 def check_arrays(species: str, arrays: Mapping[str, Array], dimensions: int) -> int:
-    """Check types, shapes and memory layout of the arrays of a species, and return the number of particles.
+    """Check types, shapes and memory layout of arrays of a species, and return the number of particles.
 
-    Raises EntryError.
+    species: name of the species for messages. arrays: arrays by name. dimensions: number of components of vectors.
+    Raises EntryError at the first fault.
     """
     count = -1
     for name, array in arrays.items():
@@ -50,7 +51,7 @@ def check_arrays(species: str, arrays: Mapping[str, Array], dimensions: int) -> 
 
 
 def check_like(species: str, arrays: Mapping[str, Array], others: Mapping[str, Array]) -> None:
-    """Raise EntryError unless `arrays` have the names, types and shapes of `others`; species: name for messages."""
+    """Raise EntryError unless `arrays` have the names, types and shapes of `others`; species: a name for messages."""
     if arrays.keys() != others.keys():
         raise EntryError(f"{species} has the arrays {', '.join(arrays)}; expected {', '.join(others)}")
     for name, other in others.items():
@@ -61,33 +62,32 @@ def check_like(species: str, arrays: Mapping[str, Array], others: Mapping[str, A
 
 
 def check_ranges(species: str, arrays: Mapping[str, Array], populations: int = 0, time: float = math.inf) -> None:
-    """Check signs and population indices in the arrays of a species; for bodies, that `begun` is not after `time`.
+    """Check signs and population numbers in arrays of a species, or of "bodies", whose `begun` may not be after `time`.
 
-    populations: number of dust populations. Raises EntryError.
+    arrays: arrays by name. populations: number of dust populations. Raises EntryError at the first fault.
     """
     for name in POSITIVE.get(species, ()):
-        if name in arrays and len(arrays[name]) and not arrays[name].min() > 0.0:
-            _refuse(species, name, arrays[name], arrays[name] > 0.0, "a positive number")
+        _check(species, name, arrays, lambda array: array > 0.0, "a positive number")
     for name in NOT_NEGATIVE.get(species, ()):
-        if name in arrays and len(arrays[name]) and not arrays[name].min() >= 0.0:
-            _refuse(species, name, arrays[name], arrays[name] >= 0.0, "0 or a positive number")
-    number = arrays.get("species")
-    if number is not None and len(number) and not (number.min() >= 0 and number.max() < populations):
-        right = (number >= 0) & (number < populations)
-        _refuse(species, "species", number, right, f"a population of the scene, 0 to {populations - 1}")
-    begun = arrays.get("begun")
-    if begun is not None and not (begun <= time).all():
-        _refuse(species, "begun", begun, begun <= time, f"at most its time, {time:g}")
+        _check(species, name, arrays, lambda array: array >= 0.0, "0 or a positive number")
+    last = populations - 1
+    _check(species, "species", arrays, lambda k: (k >= 0) & (k <= last), f"a population of the scene, 0 to {last}")
+    _check(species, "begun", arrays, lambda begun: begun <= time, f"at most its time, {time:g}")
 
 
 def check_finite(species: str, arrays: Mapping[str, Array]) -> None:
-    """Raise EntryError unless all floating-point numbers in `arrays` are finite."""
+    """Raise EntryError unless all floating-point numbers in `arrays` are finite; species: a name for messages."""
     for name, array in arrays.items():
-        if array.dtype.kind == "f" and not np.isfinite(array).all():
-            _refuse(species, name, array, np.isfinite(array), "a finite number")
+        if array.dtype.kind == "f":
+            _check(species, name, arrays, np.isfinite, "a finite number")
 
 
-def _refuse(species: str, name: str, array: Array, right: Array, expected: str) -> None:
+def _check(
+    species: str, name: str, arrays: Mapping[str, Array], is_right: Callable[[Array], Array], expected: str
+) -> None:
+    """Raise EntryError at the first entry of arrays[name], if this array is present, for which `is_right` is False."""
+    if name not in arrays or (right := is_right(arrays[name])).all():
+        return
     index = tuple(int(i) for i in np.argwhere(~right)[0])
     place = ", ".join(str(i) for i in index)
-    raise EntryError(f"{species}.{name}[{place}] is {array[index]:g}; expected {expected}")
+    raise EntryError(f"{species}.{name}[{place}] is {arrays[name][index]:g}; expected {expected}")

@@ -1,4 +1,4 @@
-"""Uniform grid of a run: cloud-in-cell deposit of particles, and gather of fields with the same weights.
+"""Uniform grid: cloud-in-cell deposit of particles on its nodes, and gather of fields with the same weights.
 
 Cloud in cell: Hockney & Eastwood (1988), ch. 5. With equal weights in deposit and gather and a centred difference
 between them, no particle exerts a force on itself, and momentum is conserved.
@@ -25,15 +25,16 @@ if TYPE_CHECKING:
 Array = np.ndarray
 Node = tuple[int, int]
 ORIGIN: Node = (0, 0)
-BORDER = 2  # nodes beyond an open edge in the stencil of a centred gradient at the last node
+BORDER = 2  # number of nodes beyond an open edge that a centred gradient at the last node needs
 
 
 class Extent(NamedTuple):
     """Range of the grid nodes that particles touch.
 
-    Each particle touches two nodes along an axis; only the index of the first one is counted. low, high: smallest and
-    largest index along x. least, most (bands,): smallest and largest index along y, in each band of kernels.BAND rows.
-    The smallest exceeds the largest if there are no particles. off: number of particles off the grid.
+    Each particle touches two adjacent nodes along an axis, and only the first of them counts here. low, high: smallest
+    and largest index of a first node along x. least, most (bands,): smallest and largest index of a first node along y,
+    in each band of kernels.BAND rows. Without particles the smallest index exceeds the largest one. off: number of
+    particles off the grid.
     """
 
     least: Array
@@ -45,11 +46,12 @@ class Extent(NamedTuple):
 
 @dataclass(frozen=True)
 class Grid:
-    """Grid of square cells with side `cell`, from the lower corner `origin`. shape: (nx, ny); in 1D ny = 1.
+    """Grid of nx x ny square cells. origin: its lower corner. cell: side of a cell. shape: (nx, ny); in 1D ny = 1.
 
     Nodes are the centres of cells; fields (nx, ny) have their values at nodes. Positions are (n, dimensions). A
     particle is off an open grid if one of the nodes that it touches is missing. If a method has an argument `first`,
-    its fields cover a part of the grid: it begins at the node `first` and has all nodes that the particles touch.
+    its fields may cover only a part of the grid, which begins at the node `first` and includes all nodes that the
+    particles touch.
     """
 
     origin: tuple[float, float]
@@ -65,22 +67,19 @@ class Grid:
         periodic box whose sides are not whole numbers of square cells.
         """
         cell, shape = grid_cells(scene, particles)
-        counts = [*shape]
         periodic = scene.space.boundary == "periodic"
-        for side, count in zip(scene.space.size, counts, strict=True):
+        for side, count in zip(scene.space.size, shape, strict=True):
             if periodic and not np.isclose(count * cell, side, rtol=1e-9, atol=0):
                 raise ValueError(
-                    f"space.size: {max(counts)} square cells along the longest side leave {side / cell:g} along "
-                    "another; a periodic box needs whole cells on each side"
+                    f"space.size: {max(shape)} square cells along the longest side leave {side / cell:g} along "
+                    "another; a periodic box needs whole cells on each side: change space.cells"
                 )
-        origin = [-count * cell / 2 if scene.centred else 0.0 for count in counts]
-        if len(counts) == 1:
-            counts.append(1)
-            origin.append(0.0)
-        return cls((origin[0], origin[1]), cell, (max(counts[0], 1), max(counts[1], 1)), periodic)
+        x, y, *_ = (*(-count * cell / 2 if scene.centred else 0.0 for count in shape), 0.0)
+        nx, ny, *_ = (*shape, 1)  # in 1D ny = 1
+        return cls((x, y), cell, (max(nx, 1), max(ny, 1)), periodic)
 
     def nodes(self, axis: int) -> Array:
-        """Return the coordinates of the cell centres along an axis."""
+        """Return the coordinates (nx,) or (ny,) of the nodes along an axis, 0 or 1."""
         return self.origin[axis] + (np.arange(self.shape[axis]) + 0.5) * self.cell
 
     def deposit(
@@ -93,9 +92,10 @@ class Grid:
     ) -> Array:
         """Deposit particles on the grid, and return their surface density (nx, ny); in 1D mass per length.
 
-        pos (n, dimensions), mass (n,): the particles. out: array to which the density is added. pieces: order of
-        summation, as first rows and ends (pieces,) of ranges of the arrays; None: in the order of the arrays. The sum
-        over nodes times the area of a cell is the mass of the particles on the grid, to rounding.
+        pos (n, dimensions), mass (n,): the particles. out (nx, ny): array to which the density is added and which is
+        returned; None: a new one. pieces: order of summation, as two arrays with the first rows and the ends of ranges
+        of particles; None: the order of the particles. The sum over nodes times the area of a cell is the mass of the
+        particles on the grid, to rounding.
         """
         if pieces is None:
             pieces = np.zeros(1, np.int64)[: len(pos)], np.array([len(pos)])[: len(pos)]
@@ -117,7 +117,7 @@ class Grid:
         return out
 
     def gather(self, field: Array, pos: Array, first: Node = ORIGIN) -> Array:
-        """Return a field interpolated to particles with the weights of `deposit`; 0 off the grid.
+        """Return a field interpolated to positions `pos` with the weights of `deposit`; 0 off the grid.
 
         The result is (n,) for a field (nx, ny), and (n, dimensions) for a vector field (nx, ny, 2).
         """
@@ -133,8 +133,9 @@ class Grid:
     ) -> list[tuple[float, int]]:
         """Interpolate `gradient` (nx, ny, 2) to particles, and subtract it from their accelerations.
 
-        several: positions and accelerations (n, dimensions) of each species. Particles off the grid are not changed.
-        Return for each species the largest length of the subtracted vectors, and the number of particles off the grid.
+        several: for each species its positions and its accelerations (n, dimensions), which change in place, except
+        those of particles off the grid. Return for each species the largest length of the subtracted vectors, and the
+        number of particles off the grid.
         """
         where = self.origin, 1.0 / self.cell, self.periodic, (*self.shape, *first)
         ranges, found = [], []
@@ -146,10 +147,10 @@ class Grid:
         parallel_for_ranges(kernels.pull, ranges, least=1)
         return [(float(np.sqrt(largest.max(initial=0.0))), int(missing.sum())) for largest, missing in found]
 
-    def places(self, pos: Array) -> tuple[Array, int]:
-        """Return sort keys (n,) of particles, by cell, and one more than the largest key.
+    def sort_keys(self, pos: Array) -> tuple[Array, int]:
+        """Return sort keys (n,) of particles by their cell, and one more than the largest key.
 
-        Particles that are near each other in this order are mostly near each other in space.
+        Particles that are near each other in the sorted order are mostly near each other in space.
         """
         key = np.empty(len(pos), np.uint32)
         parallel_for(kernels.places_of, len(pos), pos, self.origin, 1.0 / self.cell, self.shape, self.periodic, key)
@@ -163,7 +164,7 @@ class Grid:
         return np.flatnonzero(outside)
 
     def extent(self, pos: Array, bounds: Array) -> Extent:
-        """Return the range of nodes that particles touch; bounds: those of `pos` from `numerics/batches.py`."""
+        """Return the range of nodes that particles touch; bounds: boxes (batches, 4) about `pos`, from `bounds_of`."""
         given = pos, bounds, self.origin, 1.0 / self.cell, self.shape, self.periodic
         least, most, low, high, off = zip(*parallel_for(kernels.extents, len(bounds), *given, least=LEAST), strict=True)
         return Extent(np.min(least, axis=0), np.max(most, axis=0), min(low), max(high), sum(off))
@@ -171,10 +172,11 @@ class Grid:
     def gradient(self, field: Array, out: Array | None = None, columns: tuple[Array, Array] | None = None) -> Array:
         """Return the fourth-order gradient (nx, ny, 2) of a field.
 
-        field: (nx, ny), or larger by a border of BORDER nodes on every side. Without a border differences at open edges
-        are one-sided. With centred differences everywhere no particle exerts a force on itself. out: array for the
-        result, which may cover a part of the grid. columns: first column and end (nx,) to compute in each row; None:
-        whole rows. Raises ValueError for an open grid with fewer than five cells along a side.
+        field: (nx, ny), or larger by a border of BORDER nodes on every side. Without a border, differences at open
+        edges are one-sided. With a border all differences are centred, and no particle exerts a force on itself. out:
+        array for the result, which may cover a part of the grid; None: a new one. columns: first column and end (nx,)
+        to compute in each row; None: whole rows. Raises ValueError for an open grid with fewer than five cells along a
+        side.
         """
         if not self.periodic and min(self.shape) < 5:
             raise ValueError(f"an open grid with gravity needs at least 5 cells a side, not {self.shape}")
@@ -185,7 +187,7 @@ class Grid:
         return out
 
     @staticmethod
-    def within(field: Array, shape: tuple[int, int]) -> Array:
-        """Return the inner part, of the given `shape`, of a field that may have a border on every side."""
+    def without_border(field: Array, shape: tuple[int, int]) -> Array:
+        """Return the inner part of the given `shape` of a field that may have a border on every side."""
         x, y = (field.shape[axis] - shape[axis] >> 1 for axis in range(2))
         return np.ascontiguousarray(field[x : x + shape[0], y : y + shape[1]])

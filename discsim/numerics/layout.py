@@ -17,15 +17,15 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 LEVELS = 5  # a drag cell is at most 2^LEVELS leaves wide, as in kernels/drag/blocks.py
-MAX_CELL_GROWTH = 2.0  # largest side of cells that grow for lack of particles, over their target side
-NOISY_LOADING = 0.1  # dust-to-gas ratio above which shot noise in the loading matters
+MAX_CELL_GROWTH = 2.0  # cells with too few particles may become this factor wider than the target
+NOISY_LOADING = 0.1  # dust-to-gas ratio above which shot noise in that ratio matters
 
 
 def grid_cells(scene: Scene, particles: int) -> tuple[float, tuple[int, ...]]:
     """Return the side of the square grid cells of a scene, and their number along each axis.
 
-    If the scene has no `space.cells`, there are about as many cells as `particles`. With open edges the numbers are
-    rounded up, so that the cells cover the box.
+    If the scene has no `space.cells`, there are about as many cells as `particles`. With open edges the number along
+    each axis is rounded up, so that the cells cover the box.
     """
     size, cells = scene.space.size, scene.space.cells
     if not cells:
@@ -39,11 +39,11 @@ def grid_cells(scene: Scene, particles: int) -> tuple[float, tuple[int, ...]]:
 
 
 def leaves(wanted: float, cell: float, shape: tuple[int, ...], periodic: bool, gas: int) -> tuple[float, list[int]]:
-    """Return the side of the leaves of drag cells, and their number along each axis.
+    """Return the side of the leaves of drag cells, and the number of leaves along each axis.
 
-    wanted: smallest allowed side. cell, shape: side and numbers of grid cells. gas: number of gas particles. In two
-    dimensions the side is a multiple of `cell`. In one dimension (`shape` has one number) any side is possible, but
-    there are at most four leaves per gas particle, as finer ones would be empty.
+    wanted: smallest allowed side. cell, shape: side of a grid cell, and number of grid cells along each axis. gas:
+    number of gas particles. In two dimensions the side is a multiple of `cell`. In one dimension (`shape` has one
+    number) any side is possible, but there are at most four leaves per gas particle, as smaller ones would be empty.
     """
     if len(shape) == 2:
         whole = max(1, int(np.ceil(wanted / cell - 1e-9)))
@@ -59,9 +59,9 @@ def leaves(wanted: float, cell: float, shape: tuple[int, ...], periodic: bool, g
 
 
 def side_of_blocks(leaf: float, wanted: Array) -> Array:
-    """Return the sides (n,) of the smallest blocks of leaves with sides of at least `wanted` (n,).
+    """Return the sides (n,) of the smallest blocks of leaves that are at least `wanted` (n,) wide.
 
-    leaf: side of a leaf. Blocks are at most 2^LEVELS leaves wide.
+    leaf: side of a leaf. Blocks are at most 2^LEVELS leaves wide, even if this is less than `wanted`.
     """
     level = np.ceil(np.log2(np.maximum(wanted * (1.0 - 1e-9) / leaf, 1.0)))
     return leaf * 2.0 ** np.minimum(level, LEVELS)

@@ -1,9 +1,8 @@
 """Neighbour lists between gas and dust grains, for sums over gas at each grain and over grains at each gas particle.
 
 A grain and a gas particle are neighbours if the grain is within the support of the gas particle. With several
-processes, `Meeting.gas` and `Meeting.grains` combine arrays of local particles with ghosts (`world.Fetched`). Sums are
-complete at local particles only. If a later sum reads the result of an earlier one, its ghost entries have to be
-refreshed before.
+processes, arrays of local particles are combined with ghosts. Sums are then complete at local particles only. If a
+later sum reads the result of an earlier one, call `refresh` first, which updates its ghost entries.
 """
 
 from __future__ import annotations
@@ -40,7 +39,7 @@ GRAINS_PER_CELL = 8.0  # mean number of grains in a cell of grains
 
 @dataclass
 class Grains:
-    """Grains at positions pos (n, d); global_index (n,): their keys in the global order (see `Particles`)."""
+    """Grains: positions pos (n, d), and global_index (n,), their keys in the order of all processes, or None."""
 
     pos: Array
     global_index: Array | None
@@ -50,8 +49,8 @@ class Grains:
         return len(self.pos)
 
 
-class Surroundings:
-    """Gas sorted into cells, in which neighbours of grains are searched."""
+class GasCells:
+    """Gas sorted into cells, in which neighbours of grains are searched; sph: its SPH sums."""
 
     def __init__(self, sph: Sph, gas: Gas) -> None:
         self.sph, self.gas = sph, gas
@@ -62,33 +61,35 @@ class Surroundings:
         """Cells of the local gas."""
         return cells_in(self.grids, self.classes, self.gas.pos, self.gas.h)
 
-    def meet(self, pos: Array, global_index: Array | None) -> Meeting:
+    def neighbours_of(self, pos: Array, global_index: Array | None) -> GasDustNeighbours:
         """Return the neighbour lists between this gas and grains at positions pos (n, d).
 
-        global_index (n,): keys of the grains in the global order; None on one process.
+        global_index (n,): keys of the grains in the order of all processes; None on one process.
         """
-        return Meeting(self, Grains(pos, global_index))
+        return GasDustNeighbours(self, Grains(pos, global_index))
 
 
-class Meeting:
+class GasDustNeighbours:
     """Neighbour lists between gas and grains.
 
-    gas, grains: `world.Fetched` of each, which combine local arrays with ghosts. pos, h: positions and smoothing
-    lengths of gas with ghosts. grain_pos: positions of grains with ghosts. cells, grain_cells: cells of both, with
-    ghosts; `filled` lists the cells with local particles.
+    gas, grains: objects that combine arrays of gas, or of grains, with those of ghosts, as `world.NoGhosts`. pos, h:
+    positions and smoothing lengths of the gas, ghosts included. grain_pos: positions of the grains, ghosts included.
+    cells, grain_cells: cells of gas and of grains, ghosts included; `filled` lists the cells with local particles.
     """
 
-    def __init__(self, gas: Surroundings, grains: Grains) -> None:
+    def __init__(self, gas: GasCells, grains: Grains) -> None:
         grids, classes = _grids_of(gas.sph, grains)
         gas_grids, flat, gas_key, key = gas.grids, gas.sph.dim == 1, NO_ENTRIES, NO_ENTRIES
         if world.processes.many:
-            about = _box_of_cells((gas_grids, gas.classes, gas.gas.pos), (grids, classes, grains.pos))
+            box = _box_of_cells((gas_grids, gas.classes, gas.gas.pos), (grids, classes, grains.pos))
             widest = np.full(len(grids.table), gas_grids.table[:, REACH].max())
-            grids, gas_grids = grids.near(*about, widest), gas_grids.near(*about, gas_grids.table[:, REACH])
+            grids, gas_grids = grids.near(*box, widest), gas_grids.near(*box, gas_grids.table[:, REACH])
             gas_key, key = keys_in(gas_grids, gas.classes, gas.gas.pos), keys_in(grids, classes, grains.pos)
         of_gas, of_grains = (gas_grids, gas_key), (grids, key)
-        self.gas = world.processes.in_cells(gas.gas, gas_key, lambda: _needed(*of_gas, *of_grains, halo.THEIRS, flat))
-        self.grains = world.processes.in_cells(grains, key, lambda: _needed(*of_grains, *of_gas, halo.OWN, flat))
+        self.gas = world.processes.in_cells(
+            gas.gas, gas_key, lambda: _needed_cells(*of_gas, *of_grains, halo.THEIRS, flat)
+        )
+        self.grains = world.processes.in_cells(grains, key, lambda: _needed_cells(*of_grains, *of_gas, halo.OWN, flat))
         self.pos, self.h = self.gas.of(gas.gas.pos), self.gas.of(gas.gas.h)
         self.grain_pos = self.grains.of(grains.pos)
         side = np.full(len(self.grain_pos), grids.table[0, REACH])
@@ -102,16 +103,20 @@ class Meeting:
 
     @cached_property
     def grains_about(self) -> list[Any]:
-        """Grains that may be neighbours of the gas in each cell of gas, a list for each chunk of `parallel_for`."""
+        """Grains that may be neighbours of the gas in each cell: a list of candidates per chunk of `parallel_for`."""
         return candidates(self.cells, self.grain_cells, mutual=False)
 
     @cached_property
     def gas_about(self) -> list[Any]:
-        """Gas that may be a neighbour of the grains in each cell of grains, a list for each chunk of `parallel_for`."""
+        """Gas that may be a neighbour of the grains in each cell: a list of candidates per chunk of `parallel_for`."""
         return candidates(self.grain_cells, self.cells, mutual=True, extent=0.0)
 
 
 def _grids_of(sph: Sph, grains: Grains) -> tuple[Grids, Array]:
+    """Return the grids of the grains of all processes, and the size class (n,) of each local grain.
+
+    All grains are in one size class.
+    """
     low, width = (np.zeros(2), sph.size) if sph.periodic else box_about(grains.pos, world.processes)
     sides = width[width > 1e-300]
     count = int(world.processes.sum(grains.count))
@@ -120,24 +125,26 @@ def _grids_of(sph: Sph, grains: Grains) -> tuple[Grids, Array]:
 
 
 def _box_of_cells(*some: tuple[Grids, Array, Array]) -> tuple[Array, Array]:
-    """Return the corners, (2,) each, of the box about the cells of several sets of particles.
+    """Return the corners, (2,) each, of the box that encloses the cells of several sets of local particles.
 
-    some: grids, size classes (n,) and positions (n, d) of each set.
+    some: for each set a tuple of its grids, size classes (n,) and positions (n, d).
     """
     found = [corners_of_cells(*each) for each in some if len(each[2]) > 0] or [corners(some[0][2])]
     return np.min([low for low, _ in found], axis=0), np.max([high for _, high in found], axis=0)
 
 
 def _filled_cells(key: Array) -> Array:
+    """Return the numbers of the cells that contain particles, ascending; key (n,): cell number of each particle."""
     return np.flatnonzero(np.bincount(key))
 
 
-def _needed(grids: Grids, key: Array, others: Grids, other_key: Array, reach_of: int, flat: bool) -> world.Needed:
-    """Return the cells of `grids` whose particles are needed on this process.
+def _needed_cells(grids: Grids, key: Array, others: Grids, other_key: Array, reach_of: int, flat: bool) -> world.Needed:
+    """Return the cells of a species whose particles this process needs.
 
-    They are the cells of local particles, and all cells within reach of local particles of the other species. key (m,),
-    other_key (n,): cell numbers of local particles of both species. others: grids of the other species. reach_of:
-    species whose reach counts, halo.OWN or halo.THEIRS. flat: whether the scene is one-dimensional.
+    They are the cells of local particles, and all cells within reach of local particles of the other species. grids,
+    key (m,): grids of the species, and cell numbers of its local particles. others, other_key (n,): the same of the
+    other species. reach_of: species whose support radius is the reach, halo.OWN or halo.THEIRS (`kernels/mpi/halo.py`).
+    flat: whether the scene is one-dimensional.
     """
     away, periodic = grids.low - others.low, grids.periodic
     needed = halo.mark_cells(_filled_cells(other_key), others.table, away, grids.table, reach_of, 1.0, flat, periodic)

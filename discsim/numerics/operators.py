@@ -40,8 +40,10 @@ class Slot(Enum):
     Operators of DRIFT, and those of SORT, may run at the same time, so they must not use other species.
 
     Operators of AROUND_DRIFT run twice. Before the drift, velocities are ahead of the positions (`state.velocity_lag`
-    is below 0). After the drift, velocities are behind, and operators run in the opposite order. On a circular orbit of
-    frequency Omega these velocities are rotated relative to the positions by asin(Omega velocity_lag), unless the drift
+    is negative). After the drift, velocities are behind, and the operators run in the opposite order. On a circular
+    orbit of
+    frequency Omega these velocities are rotated relative to the positions by asin(Omega velocity_lag), unless
+    the drift
     rotates velocities too.
     """
 
@@ -61,16 +63,16 @@ class Slot(Enum):
 ALL = "all"  # key of a limit for all particles
 GROWS = 2.5  # a leapfrog of frequency 1 / step is unstable above 2; 2.5 leaves a margin, as limits are estimates
 
-# Attributes of the state that depend on the star and its companions, for operators that read "bodies".
+# Attributes of the state that depend on the star and its companions; operators that read "bodies" may use them.
 BODY_ATTRIBUTES = frozenset({
     "bodies", "central", "central_mass", "star_mass", "star_pull", "star_place", "centre", "from_centre", "from_star",
     "kepler_omega", "cooled_energy",
 })  # fmt: skip
-# Attributes of particles that every operator sees: numbers, order and spare memory, none of which a kernel changes.
-COMMON_ARRAYS = frozenset({"count", "global_count", "ids", "immobile", "global_index", "unsorted_rows", "spare"})
-PLAIN_ATTRIBUTES = frozenset(
-    {"scene", "time", "step", "earlier", "velocity_lag", "grid", "acc_unshared"}
-)  # of the state
+# Attributes that every operator may read: of particles (numbers, order and spare memory) and of the state.
+COMMON_PARTICLE_ATTRIBUTES = frozenset({
+    "count", "global_count", "ids", "immobile", "global_index", "unsorted_rows", "spare",
+})  # fmt: skip
+COMMON_STATE_ATTRIBUTES = frozenset({"scene", "time", "step", "earlier", "velocity_lag", "grid", "acc_unshared"})
 
 
 class Limit(NamedTuple):
@@ -94,8 +96,8 @@ class Limit(NamedTuple):
     remedy: str = ""
 
     @property
-    def growing(self) -> float:
-        """Step above which errors grow without bound."""
+    def unstable_step(self) -> float:
+        """Step above which errors grow without bound, in code units."""
         return GROWS * self.step if self.unstable is None else self.unstable
 
 
@@ -118,8 +120,8 @@ class Operator(NamedTuple):
         "gas.acc" and "dust.acc". Any other force adds to "gas.acc_unshared" or "dust.acc_unshared", which drag includes
         in the relaxation of the slip.
     starts : bool
-        Whether `run` overwrites acceleration arrays for which `view.is_first` is True. If False, these arrays are set
-        to 0 before.
+        Whether `run` overwrites the acceleration arrays to which no force was added before (`view.is_first`). If False,
+        these arrays are set to 0 before the call.
     """
 
     name: str
@@ -130,8 +132,8 @@ class Operator(NamedTuple):
     starts: bool = False
 
 
-class Operating(Protocol):
-    """Protocol of effects and of other objects that have operators."""
+class HasOperators(Protocol):
+    """Protocol of an effect, as far as this module uses it."""
 
     def operators(self, state: State) -> list[Operator]: ...
 
@@ -143,25 +145,25 @@ def arrays(species: str | Iterable[str], names: str) -> frozenset[str]:
 
 
 @cache
-def _declared(names: frozenset[str], species: str) -> frozenset[str]:
-    return COMMON_ARRAYS | {name.partition(".")[2] for name in names if name.partition(".")[0] == species}
+def _readable_attributes(names: frozenset[str], species: str) -> frozenset[str]:
+    """Return the attributes of a species that an operator may use; names: its `reads` and `writes` together."""
+    declared = {name.partition(".")[2] for name in names if name.partition(".")[0] == species}
+    return COMMON_PARTICLE_ATTRIBUTES | declared
 
 
-class Declared:
-    """View of the particles of a species with the arrays that an operator declares; others raise AttributeError.
+class ParticleView:
+    """View of the particles of a species for one operator, with the arrays that the operator declares.
 
-    acc: acceleration arrays to use in place of those of the particles, by name, such as "gas.acc".
+    Any other attribute raises AttributeError. acc: acceleration arrays by name, such as "gas.acc", which replace those
+    of the particles.
     """
 
     __slots__ = ("_acc", "_names", "_operator", "_particles", "_species")
 
     def __init__(self, operator: Operator, species: str, particles: Particles, acc: Mapping[str, np.ndarray]) -> None:
-        found = {
-            "_operator": operator, "_species": species, "_particles": particles, "_acc": acc,
-            "_names": _declared(operator.reads | operator.writes, species),
-        }  # fmt: skip
-        for name, value in found.items():
-            object.__setattr__(self, name, value)
+        names = _readable_attributes(operator.reads | operator.writes, species)
+        for slot, value in zip(self.__slots__, (acc, names, operator, particles, species), strict=True):
+            object.__setattr__(self, slot, value)
 
     def __getattr__(self, name: str) -> Any:
         if name not in self._names:
@@ -180,10 +182,13 @@ class Declared:
 
 
 class View:
-    """View of the state for one operator: `gas`, `dust` and `species` with the arrays that it declares.
+    """View of the state for one operator: `gas`, `dust` and `species` with the arrays that the operator declares.
 
-    The view has the attributes of the state in PLAIN_ATTRIBUTES and, for an operator that reads "bodies", those in
-    BODY_ATTRIBUTES. `view[name]` is the result of the operator `name`.
+    The view has the attributes of the state in COMMON_STATE_ATTRIBUTES and, if the operator declares that it reads
+    "bodies", also those in BODY_ATTRIBUTES. `view[name]` is the result of the operator `name`.
+
+    results: results of other operators by name. acc: acceleration arrays by name, which replace those of the particles.
+    first: names of the acceleration arrays that are still uninitialised.
     """
 
     def __init__(
@@ -196,24 +201,24 @@ class View:
     ) -> None:
         self._state, self._operator, self._results, self._first = state, operator, results, first
         self.species: dict[str, Any] = {
-            name: Declared(operator, name, p, acc or {}) for name, p in state.species.items()
+            name: ParticleView(operator, name, p, acc or {}) for name, p in state.species.items()
         }
         self.gas, self.dust = self.species.get("gas"), self.species.get("dust")
 
     def __getitem__(self, name: str) -> Any:
-        self._check(name)
+        self._check_reads(name)
         return self._results[name]
 
-    def _check(self, name: str) -> None:
+    def _check_reads(self, name: str) -> None:
         if name not in self._operator.reads:
             raise KeyError(f"the operator {self._operator.name} does not declare that it reads {name}")
 
-    def take(self, name: str, *default: Any) -> Any:
-        """Return the result of the operator `name` and remove it from the stored results.
+    def pop(self, name: str, *default: Any) -> Any:
+        """Return the result of the operator `name`, and remove it from the stored results, as `dict.pop`.
 
-        Only for results with a single reader. A missing result raises KeyError unless a default is given.
+        Only for results that no other operator reads. A missing result raises KeyError unless a default is given.
         """
-        self._check(name)
+        self._check_reads(name)
         return self._results.pop(name, *default)
 
     def is_first(self, name: str) -> bool:
@@ -221,14 +226,14 @@ class View:
         return name in self._first
 
     def __getattr__(self, name: str) -> Any:
-        if name in PLAIN_ATTRIBUTES or (name in BODY_ATTRIBUTES and "bodies" in self._operator.reads):
+        if name in COMMON_STATE_ATTRIBUTES or (name in BODY_ATTRIBUTES and "bodies" in self._operator.reads):
             return getattr(self._state, name)
         if name in BODY_ATTRIBUTES:
             raise AttributeError(f'the operator {self._operator.name} does not declare that it reads "bodies"')
         raise AttributeError(f"an operator has no {name}")
 
 
-def accelerate(effect: Operating, state: State, with_drift: bool = False) -> dict[str, Any]:
+def accelerate(effect: HasOperators, state: State, with_drift: bool = False) -> dict[str, Any]:
     """Add the accelerations of one effect to `acc` of each species, and return the results of its operators by name.
 
     with_drift: whether to also add accelerations that are part of the drift (DRIFT_FORCE).
@@ -242,11 +247,8 @@ def accelerate(effect: Operating, state: State, with_drift: bool = False) -> dic
     return results
 
 
-def limits(effect: Operating, state: State, results: dict[str, Any]) -> dict[str, Limit]:
-    """Return the time-step limits of one effect by species.
-
-    results: results of its operators from `accelerate`.
-    """
+def limits(effect: HasOperators, state: State, results: dict[str, Any]) -> dict[str, Limit]:
+    """Return the time-step limits of one effect by species; results: those of its operators, from `accelerate`."""
     found: dict[str, Limit] = {}
     for operator in effect.operators(state):
         if operator.slot is Slot.LIMIT:
@@ -254,14 +256,16 @@ def limits(effect: Operating, state: State, results: dict[str, Any]) -> dict[str
     return found
 
 
-def longest_step(effect: Operating, state: State, results: dict[str, Any]) -> float:
-    """Return the longest step that one effect allows; results: of its operators, from `accelerate`."""
-    return least_step(limits(effect, state, results), state.dust_is_passive)
+def longest_step(effect: HasOperators, state: State, results: dict[str, Any]) -> float:
+    """Return the longest step that one effect allows; results: those of its operators, from `accelerate`."""
+    return smallest_limits(limits(effect, state, results), state.dust_is_passive)[0]
 
 
-def least_step(found: Mapping[str, Limit], without_dust: bool) -> float:
-    """Return the smallest step of the limits `found` by species; inf if there are none.
+def smallest_limits(found: Mapping[str, Limit], dust_is_passive: bool) -> tuple[float, float]:
+    """Return the smallest step and the smallest unstable step of time-step limits; inf if there are no limits.
 
-    without_dust: whether to leave out the limits of dust, as for one-way dust.
+    found: limits by species. dust_is_passive: whether to leave out the limits of dust (`State.dust_is_passive`).
     """
-    return min((limit.step for name, limit in found.items() if name != "dust" or not without_dust), default=math.inf)
+    some = [limit for name, limit in found.items() if name != "dust" or not dust_is_passive]
+    smallest = min((limit.step for limit in some), default=math.inf)
+    return smallest, min((limit.unstable_step for limit in some), default=math.inf)

@@ -46,7 +46,7 @@ from discsim.numerics.threads import parallel_for
 
 Array = np.ndarray
 EVERYTHING = slice(None)
-ROWS = 16  # rows per execution of a plan, few enough to stay in the cache
+ROWS = 16  # rows in a batch, which one execution of a plan transforms; few enough to stay in the cache
 
 
 @dataclass(frozen=True)
@@ -54,16 +54,18 @@ class Plummer:
     """Kernel (1): the field of a razor-thin disc at the height `softening`."""
 
     softening: float
-    lone: ClassVar[float] = 0.0  # distance used for a node and itself, in cells
+    self_distance: ClassVar[float] = 0.0  # distance between a node and itself in `potential`, in cells
 
     def potential(self, distance: Array) -> Array:
+        """Return the potential of a unit mass."""
         return -1 / np.hypot(distance, self.softening)  # eq. (1)
 
     def pull(self, distance: Array) -> Array:
-        """Return the attraction divided by the distance."""
+        """Return the attraction between unit masses, divided by their distance."""
         return np.hypot(distance, self.softening) ** -3
 
     def transform(self, k: Array) -> Array:
+        """Return the transform of `potential` at the wavenumbers k."""
         return -2 * np.pi * np.exp(-k * self.softening) / k
 
 
@@ -73,19 +75,21 @@ class ThinDisc:
 
     thickness: float
     # w ~ ln d near 0. With this distance in place of 0 the sum over the nodes of a square lattice is the integral over
-    # a smooth density to fourth order: -ln lone = ln(2 pi)/2 + beta'(0), from the lattice sum 4 zeta(s) beta(s) of
-    # |n|^-2s.
-    lone: ClassVar[float] = 2 * np.sqrt(np.pi) / gamma(0.25) ** 2
+    # a smooth density to fourth order: -ln self_distance = ln(2 pi)/2 + beta'(0), from the lattice sum 4 zeta(s)
+    # beta(s) of |n|^-2s.
+    self_distance: ClassVar[float] = 2 * np.sqrt(np.pi) / gamma(0.25) ** 2
 
     def potential(self, distance: Array) -> Array:
+        """Return the potential of a unit mass."""
         return -k0e(distance**2 / (8 * self.thickness**2)) / (2 * np.sqrt(np.pi) * self.thickness)  # eq. (2)
 
     def pull(self, distance: Array) -> Array:
-        """Return the attraction divided by the distance; at a distance of 1e6 H it has only four correct digits."""
+        """Return the attraction between unit masses, divided by their distance; four correct digits at 1e6 H."""
         x = distance**2 / (8 * self.thickness**2)
         return (k1e(x) - k0e(x)) / (8 * np.sqrt(np.pi) * self.thickness**3)
 
     def transform(self, k: Array) -> Array:
+        """Return the transform of `potential` at the wavenumbers k."""
         return -2 * np.pi * erfcx(k * self.thickness) / k
 
 
@@ -95,34 +99,35 @@ Kernel = Plummer | ThinDisc
 class Poisson:
     """Solver for the potential on a grid of `shape` (nx, ny) with square cells of side `cell`; G = 1.
 
-    A sheet that varies along x only has ny = 1. border: number of further nodes on every side at which the potential is
-    computed, for open edges only. At the outermost border nodes, the distance of mass at the opposite edge is two cells
-    too small. Raises ValueError for a sheet with open edges, and for a periodic grid with a border.
+    A sheet that varies only along x has ny = 1. border: number of nodes beyond each open edge at which the potential is
+    computed too. For the outermost of these nodes, the distance of mass at the opposite edge is two cells too small.
+    Raises ValueError for a sheet with open edges, and for a periodic grid with a border.
     """
 
-    def __init__(
-        self, shape: tuple[int, int], cell: float, kernel: Kernel, periodic: bool, threads: int, border: int = 0
-    ) -> None:
+    def __init__(self, shape: tuple[int, int], cell: float, kernel: Kernel, periodic: bool, border: int = 0) -> None:
         if not periodic and 1 in shape:
             raise ValueError("self-gravity with open boundaries needs two dimensions; make the box periodic")
         if periodic and border:
             raise ValueError(f"a periodic grid has no nodes beyond its edges; expected border = 0, not {border}")
         self.shape, self.border = shape, border
         padded = padded_shape(shape, periodic)
-        transform = periodic_transform if periodic else _open_transform
-        self._kernel = transform(padded, cell, kernel) / (padded[0] * padded[1])
+        if periodic:
+            transform = periodic_transform(padded, cell, kernel)
+        else:  # the kernel is even along x and along y, so that a cosine transform suffices
+            transform = even_first(dctn(open_kernel(padded, cell, kernel), type=1))
+        self._kernel = transform / (padded[0] * padded[1])
         # Modes along y; the last tile is padded with zeros.
         self._tiles = np.empty((tiles_of(padded), shape[0] + 2 * border, TILE), complex)
-        self._workers = Workers(padded, periodic, border, threads)
+        self._workers = Workers(padded, periodic, border)
 
     def solve(self, surface_density: Array, out: Array | None = None) -> Array:
         """Return the potential (nx + 2 border, ny + 2 border) of `surface_density` (nx, ny).
 
-        out: array for the result.
+        out: array for the result; None: a new one.
         """
         nx, ny = self.shape
         potential = np.empty((nx + 2 * self.border, ny + 2 * self.border)) if out is None else out
-        tiles, each = self._tiles, self._workers.each
+        tiles, each = self._tiles, self._workers.run_batches
         each(lambda worker, batch: worker.forward(surface_density, batch * ROWS, tiles), -(-nx // ROWS))
         each(lambda worker, tile: worker.convolve(tiles, tile, self._kernel), len(tiles))
         # Border nodes before the first node are the last rows of the cyclic convolution.
@@ -132,19 +137,19 @@ class Poisson:
 
 
 class Workers:
-    """One set of FFTW plans for each thread, for a grid of `padded` shape (nx, ny)."""
+    """One set of FFTW plans for each thread, made when first needed, for a grid of `padded` shape (nx, ny)."""
 
-    def __init__(self, padded: tuple[int, int], periodic: bool, border: int, threads: int) -> None:
-        self._of = padded, periodic, border
-        self._workers = [Worker(*self._of) for _ in range(threads)]
+    def __init__(self, padded: tuple[int, int], periodic: bool, border: int) -> None:
+        self._arguments = padded, periodic, border
+        self._workers: list[Worker] = []
 
-    def each(self, work: "Callable[[Worker, int], None]", batches: int) -> None:
+    def run_batches(self, work: "Callable[[Worker, int], None]", batches: int) -> None:
         """Call `work(worker, batch)` for each batch number below `batches`, on several threads.
 
-        The results do not depend on which worker does a batch.
+        A thread uses any worker that is free. The results do not depend on which one.
         """
         while len(self._workers) < thread_pool.number_of_threads():  # on this thread, as FFTW's planner is serial
-            self._workers.append(Worker(*self._of))
+            self._workers.append(Worker(*self._arguments))
 
         def part(first: int, last: int) -> None:
             worker = self._workers.pop()
@@ -155,11 +160,15 @@ class Workers:
                 self._workers.append(worker)
 
         # In a light loop a node takes 25% of the time of a particle.
-        parallel_for(part, batches, least=max(1, batches * 4 * threads.MIN_CHUNK_CHEAP // math.prod(self._of[0])))
+        nodes = math.prod(self._arguments[0])
+        parallel_for(part, batches, least=max(1, batches * 4 * threads.MIN_CHUNK_CHEAP // nodes))
 
 
 class Worker:
-    """FFTW plans and buffers of one thread; `forward`, `convolve` and `backward` process one batch."""
+    """FFTW plans and buffers of one thread.
+
+    `forward` and `backward` transform a batch of ROWS rows along y. `convolve` transforms a tile of TILE modes along x.
+    """
 
     def __init__(self, padded: tuple[int, int], periodic: bool, border: int) -> None:
         nx, ny = padded
@@ -174,15 +183,17 @@ class Worker:
         self.columns = Columns(nx) if periodic else PaddedColumns(nx, border)
 
     def forward(self, surface_density: Array, first: int, tiles: Array) -> None:
+        """Transform the batch of rows of `surface_density` from `first` on along y, and store it in `tiles`."""
         load_rows(surface_density, first, self.rows)
         self.along_y.execute()
         rows_to_tiles(self.spectra, first, tiles)
 
     def convolve(self, tiles: Array, number: int, kernel: Array) -> None:
+        """Convolve tile `number` of `tiles` along x with the transformed kernel (ky, kx), in place."""
         self.columns.convolve(tiles[number], kernel, number * TILE)
 
     def backward(self, tiles: Array, first: int, potential: Array, shift: int) -> None:
-        """Transform the batch of rows of `tiles` from `first` on, and store it in the potential.
+        """Transform the batch of rows of `tiles` from `first` on back along y, and store it in `potential`.
 
         Row i of the tiles becomes row i + shift of the potential.
         """
@@ -192,13 +203,14 @@ class Worker:
 
 
 class Columns:
-    """Convolution along the columns of a periodic grid, of length nx."""
+    """Convolution along x, on a periodic grid with nx rows."""
 
     def __init__(self, nx: int) -> None:
         self.length = nx
         self._make_plans(TILE)
 
     def _make_plans(self, columns: int) -> None:
+        """Make buffers and plans for this number of columns of `length`."""
         # Rows at distances of a power of two would map to the same cache lines and slow a transpose.
         shape = columns, self.length + 4
         self.given, self.modes = pyfftw.zeros_aligned(shape, complex), pyfftw.zeros_aligned(shape, complex)
@@ -207,9 +219,9 @@ class Columns:
         self.forth, self.back = _plan(given, modes, "FFTW_FORWARD"), _plan(modes, given, "FFTW_BACKWARD")
 
     def convolve(self, tile: Array, kernel: Array, first: int) -> None:
-        """Convolve the columns of a tile (nx, TILE) with the kernel, in place.
+        """Convolve the columns of `tile` (nx, TILE), modes along y, with the transformed kernel (ky, kx), in place.
 
-        first: kernel row of the first column.
+        first: row of the kernel for the first column.
         """
         load_columns(tile, self.given)
         self.forth.execute()
@@ -219,7 +231,7 @@ class Columns:
 
 
 class PaddedColumns(Columns):
-    """Convolution along the columns of an open grid with `padded` rows, half of which are padding.
+    """Convolution along x, on an open grid with `padded` rows, half of which are padding.
 
     Even and odd modes are separate transforms. With FFTW_ESTIMATE plans two transforms of 2^11 numbers take 60% of the
     time of one of 2^12 (2026-11).
@@ -232,9 +244,9 @@ class PaddedColumns(Columns):
         self.halves, self.parts = (each.reshape(2, TILE, -1) for each in (self.given, self.parts))
 
     def convolve(self, tile: Array, kernel: Array, first: int) -> None:
-        """Convolve the columns of a tile (nx + 2 border, TILE) with the kernel, in place.
+        """Convolve the columns of `tile` (nx + 2 border, TILE), modes along y, with the kernel (ky, kx), in place.
 
-        The border rows before the first node come last. first: kernel row of the first column.
+        The border rows before the first node come last. first: row of the kernel for the first column.
         """
         nx = len(tile) - 2 * self.border
         load_halves(tile, nx, self.wave, self.halves)
@@ -249,44 +261,36 @@ def _plan(source: Array, target: Array, direction: str, *flags: str) -> pyfftw.F
 
 
 def padded_shape(shape: tuple[int, int], periodic: bool) -> tuple[int, int]:
-    """Return the shape (nx, ny) of the transforms for a grid of `shape`; with open edges it is padded."""
+    """Return the shape (nx, ny) of the Fourier transform for a grid of `shape`; with open edges it is larger."""
     # At least twice as many, so that no pair of nodes interacts across the edge; even, so that the kernel has a middle.
     return shape if periodic else (2 * next_fast_len(shape[0], real=True), 2 * next_fast_len(shape[1], real=True))
 
 
 def tiles_of(padded: tuple[int, int]) -> int:
-    """Return the number of tiles, of TILE columns each, for the modes along y."""
+    """Return the number of tiles, of TILE columns each, that hold the modes along y of a `padded` grid (nx, ny)."""
     return -(-(padded[1] // 2 + 1) // TILE)
 
 
-def _open_transform(padded: tuple[int, int], cell: float, kernel: Kernel) -> Array:
-    """Return the transform (ky, kx) of the kernel times cell^2, ordered by `even_first`.
-
-    The kernel is even along both axes, so that a cosine transform suffices.
-    """
-    return even_first(dctn(open_kernel(padded, cell, kernel), type=1))
-
-
 def even_first(transform: Array) -> Array:
-    """Return a transform (ky, kx) reordered as in `PaddedColumns`: columns of even kx first, then those of odd kx."""
+    """Return a transform (ky, kx) with the columns of even kx first, then the columns of odd kx."""
     return np.concatenate([transform[:, ::2], transform[:, 1::2]], axis=1)
 
 
 def open_kernel(padded: tuple[int, int], cell: float, kernel: Kernel, some: slice = EVERYTHING) -> Array:
-    """Return the kernel w times cell^2 at the distances (y, x) of up to half the padded sides.
+    """Return the kernel w times cell^2 at separations (y, x) from 0 to half the padded sides.
 
-    some: slice along x to compute.
+    some: slice of the separations along x to compute.
     """
     x, y = (cell * np.arange(n // 2 + 1) for n in padded)
     distance = np.hypot(x[some], y[:, None])
-    distance[0, x[some] == 0.0] = kernel.lone * cell
+    distance[0, x[some] == 0.0] = kernel.self_distance * cell
     return cell**2 * kernel.potential(distance)
 
 
 def periodic_transform(padded: tuple[int, int], cell: float, kernel: Kernel, some: slice = EVERYTHING) -> Array:
-    """Return the kernel's transform w_k at the wavenumbers (ky, kx) of the grid, and 0 at k = 0.
+    """Return the transform w_k of the kernel at the wavenumbers (ky, kx) of the grid; it is 0 at k = 0.
 
-    some: slice along ky to compute.
+    some: slice of the wavenumbers ky to compute.
     """
     kx, ky = (2 * np.pi * np.fft.rfftfreq(n, cell) for n in padded)
     k = np.hypot(kx, ky[some, None])

@@ -31,9 +31,9 @@ STAGES = (1 / 3, 1 / 2, 1.0)
 
 
 class Tube:
-    """Fixed 1D grid of a scene; each cell is one gas particle and one dust particle.
+    """Fixed 1D grid of a scene; each cell is one gas particle and one dust particle of `state`.
 
-    Raises ValueError if the particles of `state` are not at cell centres, in order.
+    Raises ValueError if particle k is not at the centre of cell k.
     """
 
     def __init__(self, scene: Scene, state: State):
@@ -52,10 +52,10 @@ class Tube:
         self.adiabatic = EOS[eos.kind].holds_heat
         self.gamma = eos.gamma if self.adiabatic else 0.0
         self.isothermal_speed = 0.0 if self.adiabatic else eos.sound_speed
-        self.everyone: Any = world.Whole()
+        self.everyone: Any = world.NoGhosts()
 
     def read(self, state: State) -> Array:
-        """Return the conserved variables U (5, n) of the cells of all processes."""
+        """Return the conserved variables U (5, n) of all cells, including those of other processes."""
         gas, dust = state.gas, state.dust
         density, dust_density = gas.mass / self.dx, dust.mass / self.dx
         v, u = gas.vel[:, 0], dust.vel[:, 0]
@@ -65,7 +65,7 @@ class Tube:
         return np.ascontiguousarray(self.everyone.of(cells.T).T)
 
     def write(self, state: State, cells: Array) -> None:
-        """Set masses, velocities and energies of the particles from the conserved variables U, `cells` (5, n)."""
+        """Set masses, velocities and energies of the local particles from U of all cells, `cells` (5, n)."""
         gas, dust = state.gas, state.dust
         density, v, pressure, dust_density, u = self.primitive(cells[:, self.everyone.own])
         gas.mass[:], gas.vel[:, 0] = density * self.dx, v
@@ -74,10 +74,10 @@ class Tube:
             gas.u[:] = pressure / (self.gamma - 1.0) / density
 
     def primitive(self, cells: Array) -> Array:
-        """Return the primitive variables (5, n) of cells with conserved variables U (5, n).
+        """Return the primitive variables (5, n) of cells with conserved variables U, `cells` (5, n).
 
-        They are gas density, velocity and pressure, and dust density and velocity. The dust velocity is 0 in cells
-        without dust.
+        Primitive variables are gas density, velocity and pressure, and dust density and velocity. The dust velocity is
+        0 in cells without dust.
         """
         density, momentum, energy, dust_density, dust_momentum = cells
         v = momentum / density
@@ -89,14 +89,15 @@ class Tube:
         return np.array([density, v, pressure, dust_density, u])
 
     def thermal_speed(self, cells: Array) -> Array:
+        """Return sqrt(P / rho_g) (n,) of cells with conserved variables U, `cells` (5, n)."""
         density, _, pressure, _, _ = self.primitive(cells)
         with np.errstate(invalid="ignore"):  # a negative energy makes the time-step limit NaN, which is reported
             return np.sqrt(pressure / density)
 
-    def moved(self, start: Array, now: Array, dt: float) -> Array:
+    def add_fluxes(self, start: Array, now: Array, dt: float) -> Array:
         """Return start + dt L(now), for conserved variables `start` and `now` (5, n).
 
-        L has the fluxes and the pressure, but not the drag.
+        L is the rate of change by fluxes and pressure, without the drag.
         """
         gas, rightward, leftward = ppm.through_faces(self.primitive(now)[:, self.inside], self.gamma)
         ratio = dt / self.dx

@@ -15,10 +15,10 @@ Array = np.ndarray
 def counting_sort(
     key: Array, count: int, global_index: Array | None = None, unsorted_rows: Array | None = None
 ) -> tuple[Array, Array]:
-    """Return the stable order (n,) by `key`, and the start (count + 1,) of each key in that order.
+    """Return the stable order (n,) of entries by `key`, and the start (count + 1,) of each key in that order.
 
-    key (n,): integers in [0, count); n is below 2^32. global_index (n,): values by which entries with equal keys are
-    sorted; None: they keep the order of the arrays. unsorted_rows: rows without which `global_index` ascends; None if
+    key (n,): integers in [0, count); n is below 2^32. global_index (n,): second sort keys, for entries with equal
+    `key`; None: these keep the order of the arrays. unsorted_rows: rows without which `global_index` ascends; None if
     unknown.
     """
     ends, parts = _count_in_parts(key, count)
@@ -27,19 +27,18 @@ def counting_sort(
     order = np.empty(len(key), np.uint32)
     parallel_for(kernels.put_in_order, parts, key, parts, ends, order, least=1)
     if global_index is not None:
-        some = (
-            _keys_out_of_order(key, global_index, order, start)
-            if unsorted_rows is None
-            else _distinct_keys(unsorted_rows, key, count)
-        )
+        if unsorted_rows is None:
+            some = _keys_out_of_order(key, global_index, order, start)
+        else:
+            some = np.unique(key[unsorted_rows])
         parallel_for(kernels.sort_members, len(some), some, start, global_index, order)
     return order, start
 
 
 def _keys_out_of_order(key: Array, global_index: Array, order: Array, start: Array) -> Array:
-    """Return the distinct keys whose entries are not in the order of `global_index` (n,).
+    """Return the distinct values of `key` (n,) whose entries are not in the order of `global_index` (n,).
 
-    order, start: result of the sort by `key`.
+    order, start: stable order by `key`, and start of each key in it, as in `counting_sort`.
     """
     behind = np.empty(len(key) + 1, bool)
     parallel_for(kernels.find_behind, len(key), global_index, order, behind)
@@ -50,35 +49,21 @@ def _keys_out_of_order(key: Array, global_index: Array, order: Array, start: Arr
     return some[another]
 
 
-def _distinct_keys(rows: Array, key: Array, count: int) -> Array:
-    """Return the distinct values of `key[rows]`, which are in [0, count)."""
-    held = np.zeros(count, bool)
-    held[key[rows]] = True
-    return np.flatnonzero(held)
-
-
-def by_ids(key: Array, count: int, ids: Array) -> Array:
-    """Return the order (n,) by `key` (n,), integers in [0, count), and by `ids` (n,) where keys are equal.
-
-    The sorted result does not depend on the present order of the particles.
-    """
-    return counting_sort(key, count, ids)[0]
-
-
-def counts(key: Array, count: int) -> Array:
-    """Return how often each value in [0, count) occurs in `key` (n,), an array (count,)."""
+def key_counts(key: Array, count: int) -> Array:
+    """Return the numbers (count,) of entries with each key; key (n,): integers in [0, count)."""
     number, parts = _count_in_parts(key, count)
-    return sum(
-        (number[1 + part :: parts] for part in range(1, parts)), number[1::parts]
-    )  # several times as fast as .sum
+    # Several times as fast as np.sum.
+    return sum((number[1 + part :: parts] for part in range(1, parts)), number[1::parts])
 
 
 def _count_in_parts(key: Array, count: int) -> tuple[Array, int]:
-    # Counts of each key in each part, after a 0; their cumulative sum gives positions. The number of parts is bounded,
-    # so that this array is small compared with those of the particles.
-    parts = max(
-        1, min(thread_pool.number_of_threads(), len(key) // threads.MIN_CHUNK_CHEAP, 4 * len(key) // max(count, 1024))
-    )
+    """Return the numbers of entries with each key in each part of `key` (n,), after a 0, and the number of parts.
+
+    The numbers are sorted by key and then by part, so that their cumulative sum gives positions in the sorted order.
+    """
+    # The number of parts is bounded, so that the result is small compared with the arrays of particles.
+    many = min(len(key) // threads.MIN_CHUNK_CHEAP, 4 * len(key) // max(count, 1024))
+    parts = max(1, min(thread_pool.number_of_threads(), many))
     number = np.zeros(count * parts + 1, np.uint32)
     parallel_for(kernels.count_keys, parts, key, parts, number, least=1)
     return number, parts

@@ -38,7 +38,6 @@ from discsim.numerics import alloc, world
 from discsim.numerics.neighbours import LEAST, Grids, box_about, candidates, cells_in, grids_of, keys_in
 from discsim.numerics.threads import parallel_for
 from discsim.numerics.totals import mean
-from discsim.numerics.world import Fetched
 
 if TYPE_CHECKING:
     from discsim.numerics.state import Gas
@@ -46,19 +45,19 @@ if TYPE_CHECKING:
 
 EMPTY, NONE_IMMOBILE = np.empty(0), np.empty(0, np.bool_)
 PAIRS = {"approaching": APPROACHING, "all": ALL_PAIRS, "reconstructed": RECONSTRUCTED}
-# Lower bound of h, as a density over that of even gas with the mean h. For particles at nearly one position
-# m W(0) h^d exceeds m eta^d at any h, and without a bound h and the step would go to 0. Codes with gravity use a
-# fraction of the softening, which not every scene has. With one bound for all particles, forces are conservative with
-# Omega = 1.
-DENSEST = 4096.0
-PASSES = 4  # the first guess of h may be too large by a factor of DENSEST^((PASSES - 1) / d)
+# The lower bound of h is the h at this multiple of the density at which even gas has the mean h. For particles at
+# nearly one position m W(0) h^d exceeds m eta^d at any h, and without a bound h and the step would go to 0. Codes with
+# gravity use a fraction of the softening, which not every scene has. With one bound for all particles, forces are
+# conservative with Omega = 1.
+MAX_COMPRESSION = 4096.0
+MAX_PASSES = 4  # the first guess of h may be too large by a factor of MAX_COMPRESSION^((MAX_PASSES - 1) / d)
 # Factor by which cells are longer along x. Longer cells have more candidates, but a particle's `window` fewer of them.
 STRETCH = 2.0
-ROOM = 1.03  # growth of h in a step that candidate lists cover
+LIST_MARGIN = 1.03  # factor by which h may grow in a step before candidate lists have to be made again
 
 
 class Points(Protocol):
-    """Particles with an SPH density: gas, or dust in some drag schemes."""
+    """Protocol of particles with an SPH density: gas, or dust in some drag schemes."""
 
     pos: np.ndarray
     mass: np.ndarray
@@ -71,26 +70,26 @@ class Points(Protocol):
     def count(self) -> int: ...
 
 
-def binade(values: np.ndarray) -> float:
-    """Return the least power of two above the largest of some values."""
+def power_of_two_above(values: np.ndarray) -> float:
+    """Return the smallest power of two above the largest of `values`."""
     return 2.0 ** math.frexp(float(values.max(initial=0.0)))[1]
 
 
-class Around(NamedTuple):
-    """Local particles with the ghosts that their sums may reach.
+class PointsWithGhosts(NamedTuple):
+    """Local particles combined with the ghosts that may be their neighbours.
 
-    both: `Fetched`, which extends arrays by ghosts. h, mass: arrays with ghosts. cells: cells with ghosts; `filled`
-    lists those with local particles.
+    both: `world.NoGhosts`, or an object with its interface. h, mass: combined arrays. cells: cells of all particles,
+    ghosts included; `cells.filled` lists only the cells with local particles.
     """
 
-    both: Fetched
+    both: Any
     h: np.ndarray
     mass: np.ndarray
     cells: Cells
 
 
 class Sph:
-    """SPH of the gas with the options of a scene, and the neighbour cells of the last density pass."""
+    """SPH sums with the options of [gas], and the cells and candidate lists of the last `density`, for `forces`."""
 
     def __init__(self, scene: Scene):
         self.kernel = KERNELS[scene.gas.kernel]
@@ -115,7 +114,7 @@ class Sph:
         self.columns = np.empty((0, 0))
 
     def ignore_velocities(self) -> None:
-        """Compute densities without derivatives of the velocity from now on."""
+        """Omit the derivatives of the velocity in all later calls of `density`."""
         self.derived = NO_DERIVATIVES
 
     @contextmanager
@@ -128,93 +127,95 @@ class Sph:
             self.single = kept
 
     def box_of(self, points: Points) -> tuple[np.ndarray, np.ndarray]:
+        """Return the lower corner and the widths (2,) of the periodic box, or of the box around the points."""
         if self.periodic:
             return np.zeros(2), self.size
         return box_about(points.pos, world.processes)
 
     def grids_of(self, points: Points) -> tuple[Grids, np.ndarray]:
         """Return grids for the points of all processes, with a margin for growth of h, and size classes (n,)."""
-        extent = (1.0 if self.fixed else ROOM) * self.support
-        box = self.box_of(points)
-        return grids_of(
-            points.pos, points.h, extent, *box, self.periodic, world.processes, 1.0 if self.single else STRETCH
-        )
+        extent = (1.0 if self.fixed else LIST_MARGIN) * self.support
+        stretch = 1.0 if self.single else STRETCH
+        return grids_of(points.pos, points.h, extent, *self.box_of(points), self.periodic, world.processes, stretch)
 
     def cells_of(self, points: Points) -> Cells:
         """Return the cells of the points of a single process."""
         return cells_in(*self.grids_of(points), points.pos, points.h)
 
     def keys(self, gas: Gas) -> tuple[np.ndarray, int]:
-        """Return the neighbour cell (n,) of each particle, a sort key for memory locality, and the number of cells."""
+        """Return the neighbour cell (n,) of each gas particle, for sorting in memory, and the number of cells."""
         grids, classes = self.grids_of(gas)
         return keys_in(grids, classes, gas.pos), grids.cells
 
-    def around(self, points: Points) -> Around:
-        """Return the points with the ghosts that their sums may reach."""
-        return Around(world.Whole(), points.h, points.mass, self.cells_of(points))
+    def with_ghosts(self, points: Points) -> PointsWithGhosts:
+        """Return the points combined with the ghosts that may be their neighbours."""
+        return PointsWithGhosts(world.NoGhosts(), points.h, points.mass, self.cells_of(points))
 
-    def listed(self, cells: Cells) -> list[Any]:
-        """Return the candidates of all cells with local particles, a list for each chunk of `share`.
+    def candidate_lists(self, cells: Cells) -> list[Any]:
+        """Return the candidates of all cells with local particles: lists for each chunk of `parallel_for`.
 
         In single precision they are not sorted into slabs, as this takes more time than it saves in sums.
         """
         return candidates(cells, cells, mutual=True, in_slabs=not self.single)
 
-    def list_anew(self, cells: Cells, some: np.ndarray, first: int, last: int) -> Any:
-        """Return the candidates of the cells some[first:last], in the form of `listed`."""
+    def candidates_of(self, cells: Cells, some: np.ndarray, first: int, last: int) -> Any:
+        """Return the candidates of the cells some[first:last], as an entry of `candidate_lists`."""
         return list_candidates(first, last, some, cells.bounds, 1.0, True, not self.single, cells)
 
-    def meet(self, lists: Any) -> None:
-        """Mark the cells of the particles in these candidate lists."""
+    def mark_cells(self, lists: Any) -> None:
+        """Set `marked` for the cells of all particles in the candidate lists `lists`."""
         cells = self.cells
-        self.met[cells.key[cells.order[lists.slots[: lists.begin[-1]]]]] = True
+        self.marked[cells.key[cells.order[lists.slots[: lists.begin[-1]]]]] = True
 
-    def outgrown(self, own: np.ndarray) -> np.ndarray:
-        """Return all cells with a particle whose h exceeds the reach of their lists.
+    def outgrown_cells(self, own: np.ndarray) -> np.ndarray:
+        """Return all cells with a particle whose support exceeds the reach of the cell's candidate list.
 
         own: such cells with local particles.
         """
         return own
 
-    def meets_all(self, outgrown: np.ndarray) -> bool:
-        """Return whether the ghosts include all particles within the present reach of these cells."""
+    def halo_suffices(self, outgrown: np.ndarray) -> bool:
+        """Return whether the ghosts include all particles within the present reach of the cells `outgrown`."""
         return True
 
     def density(self, gas: Points, vel: np.ndarray) -> None:
-        """Compute density, Omega and, unless fixed, smoothing length, and the derivatives of `vel` for viscosity.
+        """Set density, Omega and, unless it is fixed, smoothing length of `gas`.
 
-        Raises FloatingPointError if a smoothing length is NaN, for which neighbour cells have no size.
+        Also store the derivatives of `vel` (n, d) that the viscosity needs. Raises FloatingPointError if a smoothing
+        length is not finite, as neighbour cells then have no size.
         """
-        for _ in range(PASSES):
-            h_least = self.least(gas)
+        for _ in range(MAX_PASSES):
+            h_least = self.smallest_h(gas)
             if not h_least < np.inf:
                 raise FloatingPointError("a smoothing length of the gas is not finite")
-            self.settle(gas, vel, h_least)
+            self.find_h_and_density(gas, vel, h_least)
             # If h is at its lower bound, this bound has to follow from the resulting h, not from the first guess.
             smallest = world.processes.least(float(gas.h.min(initial=np.inf)))
-            if self.fixed or smallest > h_least or self.least(gas) > 0.9 * h_least:
+            if self.fixed or smallest > h_least or self.smallest_h(gas) > 0.9 * h_least:
                 return
 
-    def least(self, gas: Points) -> float:
-        return mean(gas.h) * DENSEST ** (-1.0 / self.dim)
+    def smallest_h(self, gas: Points) -> float:
+        """Return the lower bound of h, which follows from the mean h of all gas."""
+        return mean(gas.h) * MAX_COMPRESSION ** (-1.0 / self.dim)
 
-    def settle(self, gas: Points, vel: np.ndarray, h_least: float) -> bool:
-        """Compute `density` with h of at least h_least; return False if it has to restart with more ghosts."""
+    def find_h_and_density(self, gas: Points, vel: np.ndarray, h_least: float) -> bool:
+        """Compute `density` with h of at least h_least; return False if it has to be repeated with more ghosts."""
         driver = density_driver(self.kernel, self.dim, self.derived, self.single)
-        both, h, mass, cells = self.around(gas)
+        both, h, mass, cells = self.with_ghosts(gas)
         self.both, self.cells, self.fullest = both, cells, int(np.diff(cells.start).max())
-        lists = self.lists = self.parts(self.listed(cells))
-        self.met = np.zeros(len(cells.bounds), np.bool_)  # cells within reach of a particle whose h exceeds its lists
+        lists = self.lists = self.with_scratch(self.candidate_lists(cells))
+        # Cells within reach of a particle whose h exceeds the reach of its cell's list.
+        self.marked = np.zeros(len(cells.bounds), np.bool_)
         div, curl = (np.empty(len(h) if self.derived == DIV_CURL else 0) for _ in range(2))
         slopes = np.empty((len(h) if self.derived == SLOPES else 0, 3))
         found = self.found = Found(h, both.beside(gas.density), both.beside(gas.gradh), div, curl, slopes)
         given = Given(vel if self.derived == NO_DERIVATIVES else both.of(vel), mass)
         norm = NORM[self.dim - 1][self.kernel]
-        wanted, unit = Wanted(self.eta, h_least, self.h_most, self.fixed, norm, self.support), binade(mass)
+        wanted, unit = Wanted(self.eta, h_least, self.h_most, self.fixed, norm, self.support), power_of_two_above(mass)
 
-        def again(first: int, last: int) -> None:
-            (part,) = self.parts([self.list_anew(cells, left, first, last)])
-            self.meet(part[0])
+        def repeat(first: int, last: int) -> None:
+            (part,) = self.with_scratch([self.candidates_of(cells, left, first, last)])
+            self.mark_cells(part[0])
             driver(first, last, part, left, given, found, wanted, unit, cells, True, outgrown)
 
         left, outgrown = cells.filled, np.zeros(len(cells.filled), np.bool_)
@@ -224,17 +225,17 @@ class Sph:
         while True:
             both.refresh(h)
             left = left[outgrown]
-            some = self.outgrown(left)
+            some = self.outgrown_cells(left)
             if not world.processes.most(len(some)):
                 break
             widen(some, 1.2 * self.support, h, cells)
-            if not self.meets_all(some):
+            if not self.halo_suffices(some):
                 return False
             outgrown = np.zeros(len(left), np.bool_)
-            parallel_for(again, len(left), least=LEAST)
+            parallel_for(repeat, len(left), least=LEAST)
             if len(left) < len(some):
                 others = np.setdiff1d(some, left, assume_unique=True)
-                self.meet(self.list_anew(cells, others, 0, len(others)))
+                self.mark_cells(self.candidates_of(cells, others, 0, len(others)))
         for own, found_ones in ((gas.h, h), (gas.density, found.rho), (gas.gradh, found.gradh)):
             both.keep(own, found_ones)
         return True
@@ -244,15 +245,23 @@ class Sph:
         """Slopes (n, 3) of the velocity of local particles, eq. (7), if velocities are reconstructed."""
         return self.found.slopes[self.both.own]
 
-    def driver(self, u: np.ndarray | None, nu: np.ndarray, uneven: bool) -> Any:
-        """Return the compiled force sums for the terms of a scene; only some terms depend on `uneven` masses."""
+    def _compiled_forces(self, gas: Gas, u: np.ndarray | None, nu: np.ndarray) -> Any:
+        """Return the compiled force sums for the terms of this scene. Collective.
+
+        u (n,): specific energies; None without them. nu: kinematic viscosities, no entries without a shear viscosity.
+        """
+        largest, smallest = float(gas.mass.max(initial=0.0)), float(gas.mass.min(initial=np.inf))
+        uneven = bool(world.processes.most(largest) > world.processes.least(smallest))
         conductive, shearing = self.conductivity is not None, len(nu) > 0
         bounded = self.pairs != NO_VISCOSITY or conductive or shearing
         kinds = self.pairs, u is not None, conductive, shearing, bounded and uneven
         return force_driver(self.kernel, self.dim, *kinds, self.single)
 
-    def parts(self, lists: list[Any]) -> list[Any]:
-        """Pair each list with work arrays for its sums; arrays allocated in kernels would add reference counting."""
+    def with_scratch(self, lists: list[Any]) -> list[Any]:
+        """Return (candidates, scratch arrays) for each entry of `lists`.
+
+        The scratch arrays are made here, because arrays that kernels allocate are slowed by reference counting.
+        """
         most, real = self.fullest, np.float32 if self.single else np.float64
         packs = alloc.aligned((len(lists), ROWS * STRIDE), real)
         packs[:] = 0.0
@@ -260,8 +269,10 @@ class Sph:
         return [(part, Work(packs[k], np.zeros(members), np.empty((most, 5)))) for k, part in enumerate(lists)]
 
     def forces(self, gas: Gas, acc: np.ndarray, vel: np.ndarray, u: np.ndarray | None, pressure: np.ndarray) -> float:
-        """Add forces to `acc` (n, d) and heating to `gas.heating_rate`; return the time-step limit over the Courant
-        factor.
+        """Add pressure, viscosity and conduction to `acc` (n, d) and, with energies, to `gas.heating_rate`.
+
+        vel (n, d), u (n,) or None, pressure (n,): velocities, energies and pressure at the time of the positions.
+        Return the longest time step before the Courant factor.
         """
         terms = self.pairs, u is not None, self.conductivity is not None
         both, found = self.both, self.found
@@ -277,28 +288,25 @@ class Sph:
         of_step = (viscosity.signal, viscosity.closing) if viscosity else (1.0, 1.0)
         shear = 2.0 * self.dim / MEAN_Q2[self.kernel]
         strengths = Strengths(beta, conductivity.alpha if conductivity else 0.0, *of_step, shear)
-        scale = Scale(binade(mass), binade(found.h), binade(sound))
-        last = SWITCH
-        if self.pairs == RECONSTRUCTED:
-            last = SYY
-        elif conductivity is not None or len(nu) > 0:
-            last = FLUIDITY
-        columns = self._columns(len(mass), last + 1)
+        scale = Scale(*map(power_of_two_above, (mass, found.h, sound)))
+        with_fluidity = conductivity is not None or len(nu) > 0
+        last = SYY if self.pairs == RECONSTRUCTED else FLUIDITY if with_fluidity else SWITCH
+        columns = self._column_buffer(len(mass), last + 1)
         parallel_for(
             force_columns, len(mass), Given(moving, mass), found, pressure, sound, energy, nu, *terms,
             alpha, scale, self.cells.order, columns,
         )  # fmt: skip
         sums, rate = both.beside(acc), EMPTY if u is None else both.beside(gas.heating_rate)
-        driver, filled = self.driver(u, nu, self._uneven(gas)), self.cells.filled
-        met = self.cells._replace(filled=filled[self.met[filled]])
+        driver, filled = self._compiled_forces(gas, u, nu), self.cells.filled
+        cells = self.cells._replace(filled=filled[self.marked[filled]])
         given = columns, sound, immobile, sums, rate, strengths, scale
 
-        def again(first: int, last: int) -> Any:
-            (part,) = self.parts([self.list_anew(met, met.filled, first, last)])
-            return driver(first, last, part, *given, met, self.met, True)
+        def in_marked_cells(first: int, last: int) -> Any:
+            (part,) = self.with_scratch([self.candidates_of(cells, cells.filled, first, last)])
+            return driver(first, last, part, *given, cells, self.marked, True)
 
-        rates = parallel_for(driver, len(filled), *given, self.cells, self.met, False, least=LEAST, each=self.lists)
-        rates += parallel_for(again, len(met.filled), least=LEAST)
+        rates = parallel_for(driver, len(filled), *given, self.cells, self.marked, False, least=LEAST, each=self.lists)
+        rates += parallel_for(in_marked_cells, len(cells.filled), least=LEAST)
         both.keep(acc, sums)
         if u is not None:
             both.keep(gas.heating_rate, rate)
@@ -307,14 +315,12 @@ class Sph:
         fastest = np.max(rates)
         return 1.0 / float(fastest) if fastest != 0.0 else np.inf
 
-    def _columns(self, count: int, width: int) -> np.ndarray:
-        """Return memory for the columns of forces, which is reused: allocation takes as much time as the writing."""
+    def _column_buffer(self, count: int, width: int) -> np.ndarray:
+        """Return an uninitialised array (count, width) for the columns of forces.
+
+        Its memory is reused in each step, as allocating it takes as much time as filling it.
+        """
         if len(self.columns) < count:
             spare = min(len(self.columns), count // 16)  # if it had to grow once, it may grow again
             self.columns = alloc.aligned((count + spare, width))
         return self.columns[:count]
-
-    def _uneven(self, gas: Gas) -> bool:
-        """Return whether masses of gas particles differ."""
-        most, least = float(gas.mass.max(initial=0.0)), float(gas.mass.min(initial=np.inf))
-        return bool(world.processes.most(most) > world.processes.least(least))

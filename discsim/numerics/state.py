@@ -1,4 +1,4 @@
-"""The state of a run: particles of each species, time and grid. Data only; the physics is in the effects."""
+"""The state of a run: particles of each species, star and companions, time and grid. The physics is in the effects."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def read_only(array: Array) -> Array:
 
 @dataclass(kw_only=True, repr=False)
 class Particles(Summarised):
-    """Particles of one species in code units; every array has one entry per particle.
+    """Particles of one species in code units; every array has one row per particle.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class Particles(Summarised):
     immobile : ndarray or None, shape (n,)
         True for boundary particles, which do not move; None if there are none.
     global_index : ndarray or None, shape (n,)
-        Sort key of each particle in the order of all particles of all processes; None on one process.
+        Key of each particle; the keys give the order of the particles of all processes. None on one process.
     """
 
     pos: Array
@@ -58,10 +58,9 @@ class Particles(Summarised):
     immobile: Array | None = None
     global_index: Array | None = None
 
-    spare = 0  # spare capacity of newly allocated arrays
-    unsorted_rows = np.empty(
-        0, np.int64
-    )  # rows moved since the last sort, without which `global_index` rises; may have repeats
+    spare = 0  # spare capacity of newly allocated arrays (`numerics/alloc.py`)
+    # Rows whose particles have changed since the last sort, without which `global_index` ascends; may have repeats.
+    unsorted_rows = np.empty(0, np.int64)
 
     @property
     def count(self) -> int:
@@ -110,8 +109,11 @@ class Particles(Summarised):
         return int(world.processes.sum(self.count))
 
     def sort(self, key: Array, count: int) -> None:
-        """Sort every array by `key` (n,), integers in [0, count), and by ids where keys are equal."""
-        from discsim.numerics.sorting import by_ids
+        """Sort every array by `key` (n,), integers in [0, count), and by ids where keys are equal.
+
+        The result does not depend on the former order of the particles.
+        """
+        from discsim.numerics.sorting import counting_sort
 
         if self.global_index is not None:  # local keys are a small part of [0, count)
             self.global_index[:] = key.astype(np.uint64) << np.uint64(32) | self.ids.astype(np.uint64)
@@ -119,12 +121,12 @@ class Particles(Summarised):
             self.take(np.argsort(self.global_index, kind="stable"))  # twice as fast, as keys mostly ascend
             self.unsorted_rows = self.unsorted_rows[:0]
             return
-        self.take(by_ids(key, count, self.ids))
+        self.take(counting_sort(key, count, self.ids)[0])
 
     def remove(self, gone: Array) -> None:
-        """Remove the particles `gone`, a mask (n,) or ascending indices, and move the last particles into the gaps.
+        """Remove the particles `gone`, a mask (n,) or ascending rows, and move the last particles into the gaps.
 
-        With several processes all have to make this call, each for its own particles.
+        Collective: with several processes all of them must call it, each for its local particles.
         """
         gone = np.flatnonzero(gone) if gone.dtype == bool else gone
         if self.global_index is not None:
@@ -133,23 +135,25 @@ class Particles(Summarised):
             )
         self.replace(gone)
 
-    def replace(self, leaving: Array, come: dict[str, Array] | None = None) -> None:
-        """Remove the rows `leaving` (k,), and insert the new particles `come`, arrays (m, ...) by name.
+    def replace(self, leaving: Array, arriving: dict[str, Array] | None = None) -> None:
+        """Remove the rows `leaving` (k,), and insert the new particles `arriving`, a dict of arrays (m, ...) by name.
 
-        New particles fill the removed rows first, and any others are appended. If there are fewer new particles than
-        removed rows, the last rows move into the gaps.
+        New particles fill the removed rows first; any others are appended. If there are fewer new particles than
+        removed rows, the last rows move into the remaining gaps.
         """
-        more = 0 if come is None else min(len(come["ids"]), len(leaving))
+        more = 0 if arriving is None else min(len(arriving["ids"]), len(leaving))
         filled, gone = leaving[:more], leaving[more:]
         left = self.count - len(gone)
         stays = np.ones(len(gone), bool)
         stays[gone[gone >= left] - left] = False
         holes, tail = gone[gone < left], left + np.flatnonzero(stays)
         for name, array in self.arrays().items():
-            if come is not None:
-                array[filled] = come[name][:more]
+            if arriving is not None:
+                array[filled] = arriving[name][:more]
             array[holes] = array[tail]
-            setattr(self, name, array[:left] if come is None else self._appended(array[:left], come[name][more:]))
+            setattr(
+                self, name, array[:left] if arriving is None else self._appended(array[:left], arriving[name][more:])
+            )
         if self.global_index is not None:
             self.unsorted_rows = np.concatenate([self.unsorted_rows, filled, holes, np.arange(left, self.count)])
 
@@ -177,9 +181,9 @@ class Particles(Summarised):
 
 @dataclass(kw_only=True, repr=False)
 class Gas(Particles):
-    """SPH particles in code units: the arrays of `Particles`, and further ones, (n,) unless noted.
+    """SPH particles in code units: the arrays of `Particles`, and further arrays, with shape (n,) unless noted.
 
-    h: smoothing length. gradh: factor Omega of the grad-h terms.
+    h: smoothing length. gradh: factor Omega of the grad-h terms (`kernels/sph/forces.py`).
     """
 
     h: Array
@@ -190,17 +194,19 @@ class Gas(Particles):
     # None unless the scene needs them:
     u: Array | None = None  # specific internal energy (adiabatic gas)
     heating_rate: Array | None = None  # du/dt of pressure work, viscosity and conductivity
-    # Mean acceleration (n, dimensions) and du/dt over the last kick, with drag and its heat (viscous or adiabatic gas;
-    # adiabatic gas).
+    # Means over the last kick, including drag and its heat: acceleration (n, dimensions) of viscous or adiabatic gas,
+    # and du/dt of adiabatic gas.
     kick_acc: Array | None = None
     kick_rate: Array | None = None
-    # Acceleration by pressure and viscosity, and velocity used for their work, (n, dimensions) (gas that drag heats).
+    # For gas that drag heats, (n, dimensions): acceleration by pressure and viscosity, and the velocity used for their
+    # work.
     pressure_acc: Array | None = None
     pressure_vel: Array | None = None
     radiated: Array | None = None  # energy per mass lost by cooling since the start (gas that cools)
     nu: Array | None = None  # kinematic viscosity (gas with a shear viscosity)
     small: Array | None = None  # mass of small dust carried by each particle (if dust grows)
-    # Quiet gas: density that follows the flow, div v, 1 in shocks, and the time of these (`effects/quiet.py`).
+    # For quiet gas: density integrated along the flow, div v, shock indicator from 0 to 1, and the time of these three
+    # (`effects/quiet.py`).
     followed: Array | None = None
     divergence: Array | None = None
     shocked: Array | None = None
@@ -213,7 +219,7 @@ FOLLOWED = ("followed", "divergence", "shocked", "followed_at")  # arrays of qui
 
 @dataclass(kw_only=True, repr=False)
 class Dust(Particles):
-    """Dust particles of one or several populations in code units: the arrays of `Particles`, and further ones (n,)."""
+    """Dust particles of all populations in code units: the arrays of `Particles`, and further arrays (n,)."""
 
     species: Array  # index of the population
     size: Array | None = None  # radius of the grains, if particles have individual sizes
@@ -242,7 +248,7 @@ class SubcycleClock(NamedTuple):
 
 @dataclass
 class State:
-    """All variables that a step reads and writes. `gas` or `dust` is None if the scene lacks it."""
+    """All variables that a step reads and writes, in code units. `gas` or `dust` is None if the scene has none."""
 
     scene: Scene
     gas: Gas | None
@@ -252,19 +258,20 @@ class State:
     bodies: Bodies | None = None
     time: float = 0.0
     step: int = 0
-    earlier: int = 0  # steps of the run that this one continues
-    velocity_lag: float = 0.0  # time by which `vel` and `u` are behind `pos`: the length of the missing closing kick
-    # If an effect kicks gas and dust together: accelerations (n, dimensions) of each species that the other one at the
-    # same position does not have; arrays without entries if there are none.
+    earlier: int = 0  # number of steps of the run that this run continues
+    # Time by which `vel` and `u` are behind `pos`. Between steps it is the length of the closing kick, which is due.
+    velocity_lag: float = 0.0
+    # If an effect kicks gas and dust together: accelerations (n, dimensions) by species that act on this species only,
+    # and not on the other species at the same position; arrays without entries if there are none.
     acc_unshared: dict[str, Array] = field(default_factory=dict)
-    results: dict[str, Any] = field(default_factory=dict)  # of operators at the present positions, by their names
+    results: dict[str, Any] = field(default_factory=dict)  # results of operators at the present positions, by name
     ledger: Ledger = field(default_factory=Ledger)
-    subcycle_clock: SubcycleClock | None = None  # clock of a sub-cycled effect
-    # If gas cools: return its energies (n,) after a time at `kick_rate`, for kicks and predictions of u.
+    subcycle_clock: SubcycleClock | None = None  # clock of the sub-cycled effect; None if the scene has none
+    # If gas cools: function (gas, time) that returns the energies (n,) of the gas after `time` at the rate `kick_rate`.
     cooled_energy: Callable[[Gas, float], Array] | None = None
 
-    def arrive(self, dt: float, until: float = math.inf) -> None:
-        """Advance time and step count by a step of dt; a time within rounding of `until` is set to `until`."""
+    def advance_time(self, dt: float, until: float = math.inf) -> None:
+        """Add dt to the time, and 1 to the number of steps; a time within rounding of `until` is set to `until`."""
         left = until - self.time
         self.time = until if abs(dt - left) <= 1e-9 * dt else self.time + dt
         self.step += 1
@@ -288,37 +295,37 @@ class State:
 
     @property
     def dust_is_passive(self) -> bool:
-        """Whether dust must not affect the gas or the time step: with one-way drag, while gas particles are left."""
+        """True if dust must not affect the gas or the time step: with one-way drag, while there is gas."""
         drag = self.scene.drag
         one_way = drag is not None and drag.direction == "one-way"
         return one_way and self.gas is not None and self.gas.global_count > 0
 
     @property
-    def limiting(self) -> list[Particles]:
-        """Species whose motion may limit the time step: all except one-way dust in a scene with gas."""
+    def limiting_species(self) -> list[Particles]:
+        """Species whose motion may limit the time step: all except passive dust."""
         return [particles for name, particles in self.species.items() if name == "gas" or not self.dust_is_passive]
 
     @property
     def body_count(self) -> int:
-        """Number of bodies in the scene: the star and its companions."""
+        """Number of bodies in the scene: the star and its companions. The scene must have a star."""
         return len(self._central)
 
     @property
     def star_mass(self) -> float:
-        """Present mass of the star; needs a scene with one."""
+        """Present mass of the star. The scene must have a star."""
         return self.scene.star.mass if self.bodies is None else float(self.bodies.mass[0])
 
     @property
     def star_pull(self) -> float:
-        """Mass of the star in the gravity on gas and dust.
+        """Mass of the star in its gravity on gas and dust.
 
-        It differs from `star_mass` while the mass of a companion is ramped up in a disc about the barycentre.
+        This mass differs from `star_mass` while the mass of a companion is ramped up in a disc about the barycentre.
         """
         return self.star_mass if self.bodies is None else float(self.bodies.felt[0])
 
     @property
     def star_place(self) -> tuple[float, float]:
-        """Position of the star in the gravity on gas and dust (`Bodies.felt_pos`)."""
+        """Position of the star in its gravity on gas and dust (`Bodies.felt_pos`)."""
         if self.bodies is None:
             return 0.0, 0.0
         x, y = self.bodies.felt_pos[0].tolist()
@@ -326,7 +333,7 @@ class State:
 
     @property
     def central_mass(self) -> float:
-        """Central mass of the disc (`formulas/centre.py`); needs a scene with a star."""
+        """Central mass of the disc (`formulas/centre.py`). The scene must have a star."""
         return self.scene.star.mass if self.bodies is None else float(self.bodies.mass[self._central].sum())
 
     @cached_property
@@ -336,18 +343,18 @@ class State:
 
     @property
     def central(self) -> tuple[float, float]:
-        """Central mass and its softening, arguments of kernels; zeros without a star."""
+        """Central mass and its softening, which are arguments of kernels; (0, 0) without a star."""
         star = self.scene.star
         return (0.0, 0.0) if star is None else (self.central_mass, star.softening)
 
     def kepler_omega(self, radius: Array) -> Array:
-        """Return the orbital frequency (n,) of circles of `radius` (n,) about the central mass."""
+        """Return the orbital frequencies (n,) of circular orbits of `radius` (n,) about the central mass."""
         mass, softening = self.central
         return omega(mass, radius, softening)
 
     @property
     def centre(self) -> tuple[Array, Array] | None:
-        """Position and velocity (2,) of the centre of the disc; None if it stays at the origin."""
+        """Position and velocity, (2,) each, of the centre of the disc; None if the centre stays at the origin."""
         if self.bodies is None or self.scene.star.frame == "star":
             return None
         if self.scene.star.centre == "barycentre":
@@ -365,26 +372,25 @@ class State:
 
     @contextmanager
     def about_centre(self, gas_vel: Array) -> Iterator[None]:
-        """Transform gas, dust and the velocities `gas_vel` (n, 2) to the frame of the disc's centre within the context.
+        """Transform gas, dust and the gas velocities `gas_vel` (n, 2) to the frame of the disc's centre.
 
-        Changes made there to `gas_vel` and to `dust.vel` persist. `gas.vel` is restored if `gas_vel` is another array.
+        At the end of the context all are transformed back. Changes of `gas_vel` and `dust.vel` within the context
+        persist. `gas_vel` may be `gas.vel`. If it is another array, changes of `gas.vel` are lost.
         """
         centre, gas, dust = self.centre, self.gas, self.dust
         if centre is None or gas is None or dust is None:
             yield
             return
         pos, vel = (part.copy() for part in centre)
-        places = gas.pos, dust.pos
-        own = gas.vel
+        before = gas.pos, dust.pos, gas.vel
         gas.pos, dust.pos = gas.pos - pos, dust.pos - pos
-        if gas_vel is not own:
-            gas.vel = own - vel
+        if gas_vel is not gas.vel:
+            gas.vel = gas.vel - vel
         gas_vel -= vel
         dust.vel -= vel
         try:
             yield
         finally:
-            gas.pos, dust.pos = places
-            gas.vel = own
+            gas.pos, dust.pos, gas.vel = before
             gas_vel += vel
             dust.vel += vel

@@ -1,11 +1,11 @@
 """Thread pool for parallel loops and concurrent jobs.
 
-A loop is divided into chunks (`numerics/threads.py`), run by the calling thread and by idle threads of the pool
+A loop is divided into chunks (`numerics/threads.py`), which run on the calling thread and on idle threads of the pool
 ("helpers"). Each thread begins with its own part of the range, whose data are in its cache from earlier loops, and
 continues with chunks that no thread has begun. Results do not depend on which thread runs a chunk.
 
-Independent jobs run concurrently (`run_concurrently`) on another pool, while their caller waits. Threads without a job
-help in the loops of the others.
+Independent jobs run concurrently (`run_concurrently`) on another pool, while their caller waits. Threads of that pool
+without a job are the helpers in the loops of the jobs.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from discsim.parts import Lazy
 
 numba = Lazy("numba")
 
-thread_limit: ContextVar[int] = ContextVar("allowed", default=0)  # number of threads of loops; 0: numba's number
-_pool_of_job: ContextVar[ThreadPoolExecutor | None] = ContextVar("pool_of_job", default=None)
+thread_limit: ContextVar[int] = ContextVar("allowed", default=0)  # number of threads of loops; 0: NUMBA_NUM_THREADS
+_pool_of_job: ContextVar[ThreadPoolExecutor | None] = ContextVar("pool_of_job", default=None)  # None outside a job
 
 
 class _HelperTime(threading.local):
-    seconds = 0.0  # CPU time of helpers in loops of this thread
+    seconds = 0.0  # CPU time of helpers in the loops of this thread
 
 
 _helper_time = _HelperTime()
@@ -41,7 +41,7 @@ def number_of_threads() -> int:
 
 
 def several_threads() -> bool:
-    """Return whether `run_concurrently` runs jobs of this thread concurrently: on several threads, outside a job."""
+    """Return whether `run_concurrently` of this thread uses several threads; it does not within a job."""
     return number_of_threads() > 1 and _pool_of_job.get() is None
 
 
@@ -52,6 +52,7 @@ def cpu_time() -> float:
 
 @cache
 def _pool(threads: int) -> ThreadPoolExecutor:
+    """Return the pool with this number of threads; it is made at the first call, and kept."""
     return ThreadPoolExecutor(threads, "discsim")
 
 
@@ -60,28 +61,27 @@ if hasattr(os, "register_at_fork"):
 
 
 class Loop:
-    """Parallel loop: a kernel, and the chunks of its range.
+    """Parallel loop: `calls` of a kernel, one for each chunk of a range.
 
-    parts: arguments for each chunk. arguments: further arguments, the same for all. runs: number of chunks in the part
-    of each thread. returned: result of each chunk. raised: exceptions by number of the chunk.
+    lengths: number of chunks with which each thread begins. returned: result of each chunk. raised: exceptions by
+    number of the chunk.
     """
 
-    def __init__(
-        self, kernel: Callable[..., Any], parts: list[tuple[Any, ...]], arguments: tuple[Any, ...], runs: list[int]
-    ) -> None:
-        self.kernel, self.parts, self.arguments = kernel, parts, arguments
-        self.returned: list[Any] = [None] * len(parts)
+    def __init__(self, calls: list[Callable[[], Any]], lengths: list[int]) -> None:
+        self.calls = calls
+        self.returned: list[Any] = [None] * len(calls)
         self.raised: dict[int, BaseException] = {}
-        # Numbers of the chunks in the part of each thread. An iterator yields each number to one thread only.
-        self.left = [iter(range(end - run, end)) for run, end in zip(runs, accumulate(runs), strict=True)]
+        # Numbers of the chunks that are left to each thread. An iterator yields each number to one thread only.
+        self.left = [iter(range(end - length, end)) for length, end in zip(lengths, accumulate(lengths), strict=True)]
 
     def run_chunks(self, thread: int) -> float:
-        """Run chunks until none is left, first those in the part of `thread`; return the CPU seconds spent."""
+        """Run chunks until none is left, beginning with the chunks of `thread`; return the CPU seconds spent."""
         begun = time.thread_time()
         for number in chain(*self.left[thread:], *self.left[:thread]):
-            if not self.raised or number < min(self.raised):  # the first exception is the same on any threads
+            # The exception of the lowest chunk number is raised in the end, so that it does not depend on the threads.
+            if not self.raised or number < min(self.raised):
                 try:
-                    self.returned[number] = self.kernel(*self.parts[number], *self.arguments)
+                    self.returned[number] = self.calls[number]()
                 except BaseException as fault:  # re-raised in the caller, Ctrl-C too
                     self.raised[number] = fault
         return time.thread_time() - begun
@@ -90,7 +90,7 @@ class Loop:
 def run_loop(loop: Loop, threads: int) -> list[Any]:
     """Run a loop on this thread and helpers; return the results of its chunks.
 
-    If chunks raise exceptions, that of the first chunk is raised.
+    If chunks raise exceptions, the exception of the first of these chunks is raised.
     """
     helpers: list[Future[float]] = []
     try:
@@ -110,20 +110,20 @@ def run_loop(loop: Loop, threads: int) -> list[Any]:
 def run_concurrently(*jobs: Callable[[], object]) -> None:
     """Run independent jobs concurrently, and wait for all of them.
 
-    If jobs raise exceptions, that of the first job in the list is raised. With one thread, or when called within a job,
-    they run one after another until one raises.
+    If jobs raise exceptions, the exception of the first of these jobs is raised. On one thread, or within a job, the
+    jobs run one after another until one raises an exception.
     """
     if len(jobs) < 2 or not several_threads():
-        for work in jobs:
-            work()
+        for job in jobs:
+            job()
         return
     pool = _pool(number_of_threads())
     begun: list[Future[object]] = []
     raised: dict[int, BaseException | None] = {}
     token = _pool_of_job.set(pool)
     try:
-        for work in jobs:
-            begun.append(pool.submit(copy_context().run, work))
+        for job in jobs:
+            begun.append(pool.submit(copy_context().run, job))
         wait(begun)
     except BaseException as fault:  # Ctrl-C
         raised[-1] = fault
@@ -131,12 +131,13 @@ def run_concurrently(*jobs: Callable[[], object]) -> None:
         _pool_of_job.reset(token)
         _cancel_or_wait(begun, raised)
     if not raised:
-        raised = {number: job.exception() for number, job in enumerate(begun) if job.exception() is not None}
+        raised = {number: future.exception() for number, future in enumerate(begun) if future.exception() is not None}
     begun.clear()
     _raise_first(raised)
 
 
 def _raise_first(raised: dict[int, Any]) -> None:
+    """Raise the exception with the lowest number in `raised`, if there is one, and clear `raised`."""
     try:
         if raised:
             raise raised[min(raised)]

@@ -9,6 +9,8 @@ chunks to threads.
 """
 
 from collections.abc import Callable, Iterator
+from functools import partial
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
@@ -19,16 +21,16 @@ from discsim.parts import Lazy
 numba, moves = Lazy("numba"), Lazy("discsim.kernels.common.move")
 
 BLOCK = 8192  # entries per block of numpy operations
-MIN_CHUNK_CHEAP = (
-    65536  # least particles in a chunk of a cheap kernel (some ns each); waking a thread for fewer gains nothing
-)
-SMALLEST = 8  # the smallest chunk is at least 1 / SMALLEST of a thread's share, which bounds the wait at the end
+# Smallest length of a chunk for cheap kernels, which take some ns per particle: to wake a thread for fewer particles
+# gains nothing.
+MIN_CHUNK_CHEAP = 65536
+SMALLEST = 8  # the smallest chunk is at least 1 / SMALLEST of a thread's share, so that there are few chunks
 
 
 def set_threads(number: int | None) -> None:
     """Set the number of threads in parallel loops of this Python thread.
 
-    At most NUMBA_NUM_THREADS are used; None: all of these.
+    None: NUMBA_NUM_THREADS, which is also the largest number that is used.
     """
     most = int(numba.config.NUMBA_NUM_THREADS)
     thread_pool.thread_limit.set(most if number is None else min(number, most))
@@ -41,14 +43,13 @@ def parallel_for(
     """Run `kernel(first, last, *arguments)` on chunks of [0, count); return the list of results, one for each chunk.
 
     least: smallest length of a chunk. light: whether the kernel is cheap; MIN_CHUNK_CHEAP then replaces `least`. each:
-    list returned by an earlier call with the same count and `least`; the kernel gets the entry for its chunk as third
-    argument.
+    list with one entry per chunk, from an earlier call with the same `count` and `least`; the kernel is then called as
+    `kernel(first, last, entry, *arguments)`.
     """
-    threads = thread_pool.number_of_threads()
-    runs = chunks(count, MIN_CHUNK_CHEAP if light else least, threads)
+    runs = chunks(count, MIN_CHUNK_CHEAP if light else least, thread_pool.number_of_threads())
     spans = [span for run in runs for span in run]
-    parts = [(*span, *([] if each is None else [each[k]])) for k, span in enumerate(spans)]
-    return _run(kernel, parts, arguments, [len(run) for run in runs], threads)
+    parts = spans if each is None else [(*span, entry) for span, entry in zip(spans, each, strict=True)]
+    return _run([partial(kernel, *part, *arguments) for part in parts], [len(run) for run in runs])
 
 
 def parallel_for_ranges(
@@ -56,26 +57,24 @@ def parallel_for_ranges(
 ) -> list[list[Any]]:
     """Run a kernel over several ranges in one parallel loop; return a list of results for each range.
 
-    several: tuples (count, *arguments), one for each range [0, count). Other arguments as in `parallel_for`. Threads do
+    several: tuples (count, *arguments), one for each range [0, count). least, light: as in `parallel_for`. Threads do
     not wait for each other between ranges.
     """
-    threads = thread_pool.number_of_threads()
-    counts = [count for count, *_ in several]
-    begins = [sum(counts[:k]) for k in range(len(counts))]
-    parts: list[tuple[Any, ...]] = []
-    of: list[int] = []
+    begins = [0, *accumulate(count for count, *_ in several)]
+    calls: list[Callable[[], Any]] = []
+    ranges: list[int] = []  # index in `several` of the range of each call
     lengths = []
-    for run in chunks(sum(counts), MIN_CHUNK_CHEAP if light else least, threads):
-        before = len(parts)
+    for run in chunks(begins[-1], MIN_CHUNK_CHEAP if light else least, thread_pool.number_of_threads()):
+        before = len(calls)
         for first, last in run:
-            for k, ((count, *given), begin) in enumerate(zip(several, begins, strict=True)):
-                low, high = max(first - begin, 0), min(last - begin, count)
-                if low < high or (count == 0 and k not in of):  # called for empty ranges too, as in `parallel_for`
-                    parts.append((low, max(low, high), *given))
-                    of.append(k)
-        lengths.append(len(parts) - before)
-    found = _run(kernel, parts, (), lengths, threads)
-    return [[one for one, whose in zip(found, of, strict=True) if whose == k] for k in range(len(several))]
+            for k, (count, *given) in enumerate(several):
+                low, high = max(first - begins[k], 0), min(last - begins[k], count)
+                if low < high or (count == 0 and k not in ranges):  # called for empty ranges too, as in `parallel_for`
+                    calls.append(partial(kernel, low, max(low, high), *given))
+                    ranges.append(k)
+        lengths.append(len(calls) - before)
+    found = _run(calls, lengths)
+    return [[one for one, own in zip(found, ranges, strict=True) if own == k] for k in range(len(several))]
 
 
 def parallel_for_fused(kernels: list[tuple[Any, ...]], count: int, *, least: int = 4096) -> None:
@@ -84,33 +83,26 @@ def parallel_for_fused(kernels: list[tuple[Any, ...]], count: int, *, least: int
     kernels: tuples (kernel, *arguments). Threads do not wait for each other between kernels. A kernel may therefore
     read results of earlier kernels only within its own chunk. least: as in `parallel_for`.
     """
-    threads = thread_pool.number_of_threads()
 
-    def kernel(first: int, last: int) -> None:
-        for one, *arguments in kernels:
-            one(first, last, *arguments)
+    def run_all(first: int, last: int) -> None:
+        for kernel, *arguments in kernels:
+            kernel(first, last, *arguments)
 
-    runs = chunks(count, least, threads)
-    _run(kernel, [span for run in runs for span in run], (), [len(run) for run in runs], threads)
+    parallel_for(run_all, count, least=least)
 
 
-def _run(
-    kernel: Callable[..., Any],
-    parts: list[tuple[Any, ...]],
-    arguments: tuple[Any, ...],
-    lengths: list[int],
-    threads: int,
-) -> list[Any]:
+def _run(calls: list[Callable[[], Any]], lengths: list[int]) -> list[Any]:
+    """Return the results of `calls`, one for each chunk; lengths: number of chunks with which each thread begins."""
     if len(lengths) < 2:
-        return [kernel(*part, *arguments) for part in parts]
-    return thread_pool.run_loop(thread_pool.Loop(kernel, parts, arguments, lengths), threads)
+        return [call() for call in calls]
+    return thread_pool.run_loop(thread_pool.Loop(calls, lengths), thread_pool.number_of_threads())
 
 
 def chunks(count: int, least: int, threads: int) -> list[list[tuple[int, int]]]:
-    """Return the chunks (first, last) of [0, count), one list for each thread.
+    """Return the chunks (first, last) of [0, count), a list of chunks for each thread.
 
-    A thread's part is halved repeatedly: large first chunks have little overhead, and small last chunks keep the wait
-    at the end short. least: smallest length of a chunk.
+    The range of a thread is halved repeatedly: large first chunks have little overhead, and small last chunks keep the
+    wait at the end short. least: smallest length of a chunk. If `count` is small, fewer threads have chunks.
     """
     parts = max(1, min(threads, count // least))
     smallest = max(least, -(-count // (SMALLEST * threads)))
@@ -127,7 +119,7 @@ def chunks(count: int, least: int, threads: int) -> list[list[tuple[int, int]]]:
 
 
 def copied(array: np.ndarray) -> np.ndarray:
-    """Return a copy of an array (n, ...) with the same spare capacity."""
+    """Return a copy of `array` (n, ...), made on several threads, with the same spare capacity."""
     out = alloc.allocate_like(array)
     parallel_for(moves.assign, len(out), out, array, light=True)
     return out
@@ -144,6 +136,6 @@ def fill(out: np.ndarray, values: Callable[[slice], np.ndarray | float]) -> None
 
 
 def blocks(first: int, last: int) -> Iterator[slice]:
-    """Yield slices of [first, last) that are short enough for numpy's temporary arrays to stay in the cache."""
+    """Yield slices of [first, last) of at most BLOCK entries, so that numpy's temporary arrays stay in the cache."""
     for begin in range(first, last, BLOCK):
         yield slice(begin, min(begin + BLOCK, last))

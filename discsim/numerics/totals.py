@@ -1,12 +1,13 @@
-"""Exact sums over particles, rounded once.
+"""Sums over particles that are exact except for one rounding at the end.
 
 Results are bitwise the same for any order of the particles and any number of threads and processes. Kernels accumulate
-a sum as a fixed-point integer in limbs (integers of 32 bits each); a last limb counts entries that are not finite.
+a sum as a fixed-point integer, split into limbs of 32 bits each; a last limb counts entries that are not finite.
 """
 
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 
 import numpy as np
 
@@ -26,22 +27,17 @@ def total(values: Array) -> float:
 
 
 def totals(values: Array) -> Array:
-    """Return the sum (columns,) of each column of `values` (n, columns) over all processes.
+    """Return the sum of each column of `values` (n, columns) over all entries and processes, as an array (columns,).
 
     A sum is NaN if an entry is not finite.
     """
     values = np.ascontiguousarray(values, float)
-    few = None if len(values) > FSUM_ROWS or world.processes.many else _sums_of_few(values)
-    return rounded(sum(parallel_for(kernels.add_columns, len(values), values, light=True))) if few is None else few
-
-
-def _sums_of_few(values: Array) -> Array | None:
-    """Return the sum (columns,) of each column by math.fsum; None if a sum is not finite."""
-    try:
-        found = np.array([math.fsum(column) for column in values.T.tolist()])
-    except (OverflowError, ValueError):  # too large, or infinities of both signs
-        return None
-    return found if np.isfinite(found).all() else None
+    if len(values) <= FSUM_ROWS and not world.processes.many:
+        with suppress(OverflowError, ValueError):  # a sum is too large, or has infinities of both signs
+            found = np.array([math.fsum(column) for column in values.T.tolist()])
+            if np.isfinite(found).all():
+                return found
+    return rounded(sum(parallel_for(kernels.add_columns, len(values), values, light=True)))
 
 
 def mean(values: Array) -> float:
@@ -50,14 +46,15 @@ def mean(values: Array) -> float:
 
 
 def rounded(limbs: Array) -> Array:
-    """Return sums (columns,) as floats, from the limbs (columns, LIMBS) of each process.
+    """Return the sums (columns,) over all processes as floats.
 
-    limbs: made by `kernels/common/totals.py`.
+    limbs (columns, LIMBS): limbs of the sums of this process, from `kernels/common/totals.py`.
     """
-    return np.array([_float_of(row) for row in world.processes.sum(limbs).tolist()])
+    return np.array([_limbs_to_float(row) for row in world.processes.sum(limbs).tolist()])
 
 
-def _float_of(limbs: list[int]) -> float:
+def _limbs_to_float(limbs: list[int]) -> float:
+    """Return the value of a sum; NaN if an entry was not finite, and an infinity if it is too large for a float."""
     if limbs[-1] > 0:
         return float("nan")
     whole = sum(limb << 32 * k for k, limb in enumerate(limbs[:-1]))

@@ -1,8 +1,8 @@
 """Interface of the communication between the processes of a run.
 
-In serial runs every method is a no-op (`Alone`); `discsim/ranks` installs an implementation for several MPI ranks.
-Local particles are those that this process owns; ghosts are copies of particles of other processes. Minima, maxima and
-sums of integers are exact, so they do not depend on the division of particles among processes. Sums of floats use
+In serial runs every method is a no-op (`SerialComm`); `discsim/ranks` installs an implementation for several MPI ranks.
+Local particles are owned by this process; ghosts are copies of particles of other processes. Minima, maxima and sums of
+integers are exact, so they do not depend on the division of particles among processes. Sums of floats use
 `numerics/totals.py`. All methods are collective: every process has to call them in the same order.
 """
 
@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -21,10 +21,10 @@ Array = np.ndarray
 
 
 class Needed(NamedTuple):
-    """Cells near a process, with a mask of those whose particles it needs; arrays are (cells,).
+    """Cells near the particles of this process, and which of them have particles that it needs; arrays are (cells,).
 
-    mask: whether the particles in a cell are needed. begin, end: range of cell numbers on the whole grids that a cell
-    covers; both ascend.
+    mask: whether the process needs the particles in a cell. begin, end: range of cell numbers that a cell covers on the
+    grids of all processes; `begin` and `end` ascend.
     """
 
     mask: Array
@@ -32,68 +32,39 @@ class Needed(NamedTuple):
     end: Array
 
 
-class Joined(Protocol):
-    """Protocol of the local particles of a species combined with ghosts.
+class NoGhosts:
+    """Local particles of a species combined with ghosts, on a single process, which has none.
 
-    own: index (slice or rows) of the local particles in combined arrays. global_index (n,): keys of the order of
-    summation; None: the order of the arrays.
+    The methods define the interface for several processes (`discsim/ranks/exchange.py`). Combined arrays have the
+    entries of local particles and of ghosts; here they are the arrays of the particles themselves. own: index of the
+    local particles in combined arrays, a slice or rows. global_index (n,): keys that give the order of summation; None:
+    the order of the arrays.
     """
-
-    @property
-    def own(self) -> Any: ...
-
-    @property
-    def global_index(self) -> Array | None: ...
-
-    def of(self, array: Array) -> Array:
-        """Return a combined array: `array` (n, ...) of local particles with the entries of ghosts."""
-        ...
-
-    def keep(self, array: Array, both: Array) -> None:
-        """Copy the local entries of a combined array, `both`, to `array` (n, ...)."""
-        ...
-
-
-class Fetched(Joined, Protocol):
-    """Protocol of local particles combined with ghosts, whose entries can be fetched again from their owners."""
-
-    def of_all(self, arrays: list[Array]) -> list[Array]:
-        """Return combined arrays of several `arrays`, as `of`, in one exchange."""
-        ...
-
-    def beside(self, array: Array) -> Array:
-        """Return a combined array with the local entries of `array` and uninitialised ghost entries."""
-        ...
-
-    def refresh(self, array: Array) -> None:
-        """Fetch the ghost entries of a combined array from their owners, in place."""
-        ...
-
-
-class Whole:
-    """`Fetched` without ghosts, for one process."""
 
     own: Any = slice(None)
     global_index: Array | None = None
 
     def of(self, array: Array) -> Array:
+        """Return the combined array of `array` (n, ...), which has the local particles."""
         return array
 
     def of_all(self, arrays: list[Array]) -> list[Array]:
+        """Return the combined arrays of several `arrays`, as `of`, with a single exchange."""
         return arrays
 
     def beside(self, array: Array) -> Array:
+        """Return a combined array with the local entries of `array` (n, ...) and uninitialised ghost entries."""
         return array
 
     def refresh(self, array: Array) -> None:
-        pass
+        """Set the ghost entries of the combined array `array` to the present values of their owners."""
 
     def keep(self, array: Array, both: Array) -> None:
-        pass
+        """Copy the local entries of the combined array `both` to `array` (n, ...)."""
 
 
-class Alone:
-    """Communication of a single process, with no-ops; its methods define the interface for several processes."""
+class SerialComm:
+    """Communication of a single process: no-ops. Its methods define the interface for several processes."""
 
     many = False  # whether there are several processes
     balance = 1.0  # load of the most loaded process over the mean
@@ -111,54 +82,57 @@ class Alone:
         return values
 
     def raise_together(self, do: Callable[[], Any]) -> Any:
-        """Return `do()`. If it raises an exception on one process, the exception is raised on all.
+        """Return `do()`, or raise its exception; an exception on one process is raised on all processes.
 
         `do` must not communicate.
         """
         return do()
 
     def forget(self) -> None:
-        """Drop caches that depend on positions, order or owners of particles, before these change."""
+        """Drop caches that depend on positions, order or owners of particles; call it before these change."""
 
     def forget_positions(self) -> None:
-        """Drop caches that depend on positions alone, after these change."""
+        """Drop caches that depend on positions alone; call it after positions have changed."""
 
-    def settle(self, state: State) -> None:
+    def migrate(self, state: State) -> None:
         """Send particles that have moved to the processes that now own them."""
 
     def corners(self, pos: Array, find: Callable[[Array], tuple[Array, Array]]) -> tuple[Array, Array]:
         """Return the smallest and largest coordinates, (2,) each, of local positions `pos` (n, d).
 
-        find: function that computes them, called as `find(pos)` if they are not cached.
+        find: function that computes the two from `pos`, for processes without a cached result.
         """
         return find(pos)
 
     def reuse_removed_keys(self, global_index: Array, gone: Array, unsorted_rows: Array) -> Array:
-        """Give the keys of removed particles to the last particles of all processes, which fill the gaps.
+        """Give the keys of removed particles, in `global_index`, to the last particles in the global order.
 
         The global order is then as after `Particles.remove` on one process. global_index (n,): keys of local particles,
-        changed in place; they ascend except in the rows `unsorted_rows`. gone: local rows to be removed. Return the
-        local rows that got a new key.
+        changed in place; they ascend, except in the rows `unsorted_rows`. gone: local rows that will be removed. Return
+        the local rows with a new key.
         """
-        raise NotImplementedError("one process has no places")
+        raise NotImplementedError("a single process has no global_index")
 
-    def everyone(self, particles: Particles) -> Joined:
-        """Return the particles of all processes combined, on every process; arrays are in the global order."""
-        return Whole()
+    def everyone(self, particles: Particles) -> NoGhosts:
+        """Return the particles of all processes combined, on every process; arrays are in the global order.
 
-    def in_cells(self, particles: Any, key: Array, needed: Callable[[], Needed]) -> Fetched:
-        """Return local particles combined with ghosts: all particles of other processes in the cells `needed()`.
-
-        key (n,): cell number of each local particle.
+        The result has only the methods `of`, `of_all` and `keep`.
         """
-        return Whole()
+        return NoGhosts()
+
+    def in_cells(self, particles: Any, key: Array, needed: Callable[[], Needed]) -> NoGhosts:
+        """Return local particles combined with ghosts, which are all particles of other processes in the needed cells.
+
+        key (n,): cell number of each local particle. needed: function that returns the needed cells.
+        """
+        return NoGhosts()
 
     def sph(self, kind: Any, scene: Any) -> Any:
-        """Return an object for SPH sums over the particles of all processes; kind: its class for one process."""
+        """Return an object for SPH sums over the particles of all processes; kind: its class in serial runs."""
         return kind(scene)
 
     def sample(self, columns: Array, global_index: Array | None, some: Array) -> Array:
-        """Return the values (m, columns) of a subset of the particles of all processes, in the global order.
+        """Return values (m, columns) of a subset of the particles of all processes, in the global order.
 
         columns: values of the local particles in the subset, a row for each. global_index (n,): keys of all local
         particles. some: rows of the local particles in the subset.
@@ -166,21 +140,21 @@ class Alone:
         return columns
 
 
-processes: Any = Alone()
+processes: Any = SerialComm()
 
 
-def set_processes(world: Any) -> None:
-    """Set `world` as the communication of this process, `processes`."""
+def set_processes(comm: Any) -> None:
+    """Set the communication of this process, `processes`, to `comm`."""
     global processes
-    processes = world
+    processes = comm
 
 
 @contextmanager
 def without_communication() -> Iterator[None]:
-    """Disable communication within the context, for work that every process does in full."""
-    joined = processes
-    set_processes(Alone())
+    """Disable communication within the context, for functions whose arrays already contain all ghosts they need."""
+    before = processes
+    set_processes(SerialComm())
     try:
         yield
     finally:
-        set_processes(joined)
+        set_processes(before)

@@ -27,7 +27,7 @@ import numpy as np
 
 from discsim.drag.width import drift_error
 from discsim.initial import start_of, start_time
-from discsim.parts import USUAL_SCHEME, Lazy
+from discsim.parts import DEFAULT_SCHEME, Lazy
 from discsim.physics import viscosity
 from discsim.physics.local import GasSamples
 from discsim.preview import stored_runs
@@ -86,7 +86,7 @@ def _disc_rows(scene: Scene, at: GasSamples) -> Iterator[tuple[str, str]]:
 def _drag_rows(scene: Scene, at: GasSamples) -> Iterator[tuple[str, str]]:
     """Yield the estimated error of the dust drift, if the drag scheme is the default one."""
     sides = drag_cell_sides(scene, at)
-    if sides is None or scene.drag is None or scene.drag.scheme != USUAL_SCHEME:
+    if sides is None or scene.drag is None or scene.drag.scheme != DEFAULT_SCHEME:
         return
     widths = sides / at.scale_height
     worst = int(np.argmax(widths))

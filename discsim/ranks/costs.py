@@ -16,7 +16,7 @@ OUTSIDE_EFFECTS = "step"  # communication outside effects
 
 
 class DividedCosts(Costs):
-    """`Costs` of one rank, including MPI communication. `copy` and `agree` are collective."""
+    """`Costs` of one rank, including MPI communication. `copy` and `gather` are collective."""
 
     def __init__(self, costs: Costs, traffic: Traffic) -> None:
         super().__init__(costs.calls)
@@ -52,7 +52,7 @@ class DividedCosts(Costs):
         sums = {name: spent - self._forgotten.get(name, Sum()) for name, spent in self.traffic.sums.items()}
         return {name or OUTSIDE_EFFECTS: sums[name] for name in (*self.seconds, "") if name in sums}
 
-    def agree(self) -> None:
+    def gather(self) -> None:
         self.traffic.fold()
         self._means = self.traffic.mean(self.communication)
 

@@ -36,7 +36,7 @@ class Placed(Protocol):
 
 
 class Wide:
-    """Own particles of a species combined with the ghosts received by a route; implements `world.Fetched`.
+    """Own particles of a species combined with the ghosts received by a route; with the interface of `world.NoGhosts`.
 
     If an array of own particles has spare memory behind it, ghost entries are written there, and a later `Wide`
     overwrites them. lasting: whether combined arrays are copies, which remain valid.
@@ -107,7 +107,7 @@ class Wide:
 
 
 class Ordered:
-    """Own particles and ghosts in the global order; implements `world.Joined`.
+    """Own particles and ghosts in the global order; interface of `world.NoGhosts` without `beside` and `refresh`.
 
     own (n,): rows of own particles in the combined arrays.
     """

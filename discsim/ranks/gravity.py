@@ -138,7 +138,7 @@ class DividedMesh(Mesh):
         if self._gradient.size > 0:
             self.grid.gradient(self._potential, self._gradient, (self._rows.begin, self._rows.end))
 
-    def sums(self) -> tuple[Array, Array]:
+    def density_sums(self) -> tuple[Array, Array]:
         return self._sums
 
     def _reused_array(self, name: str, shape: tuple[int, ...]) -> Array:

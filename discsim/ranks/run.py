@@ -31,10 +31,10 @@ from discsim.ranks.comm import Comm
 from discsim.ranks.gathering import gathered, gathered_columns
 from discsim.ranks.start import begun
 from discsim.ranks.world import Ranks
+from discsim.run.outputs import effect_columns, with_present_pressure
 from discsim.run.progress import Progress
 from discsim.run.records import Records
 from discsim.run.runner import Run, execute_and_report
-from discsim.run.shown import columns, with_present_pressure
 from discsim.run.simulation import Simulation
 from discsim.scene import Scene
 
@@ -130,8 +130,8 @@ class DividedRun(Run):
 
     def _enter_directory(self, resume: bool) -> tuple[bool, bool, float]:
         entered = super()._enter_directory
-        found, self.snapshots, self.put_out, self.checkpoints = self.on_root(
-            lambda: (entered(resume), self.snapshots, self.put_out, self.checkpoints)
+        found, self.snapshots, self.last_output, self.checkpoints = self.on_root(
+            lambda: (entered(resume), self.snapshots, self.last_output, self.checkpoints)
         )
         return found
 
@@ -173,7 +173,7 @@ class DividedRun(Run):
         open_step = open_step_of(unfinished, kick_effect_name(sim.effects) is not None)
         del unfinished  # to free memory
         with sim.closed() as state:
-            extra = gathered_columns(comm, state, columns(state, sim.effects.values()), "ids", divided)
+            extra = gathered_columns(comm, state, effect_columns(state, sim.effects.values()), "ids", divided)
             extent = self._extent(state)
             shown = gathered(comm, replace(state, gas=with_present_pressure(state)), "ids", divided, SNAPSHOT_ARRAYS)
             path = self._snapshot_path(self.snapshots)
@@ -188,9 +188,9 @@ class DividedRun(Run):
             self._add_row()
             if state.step == 0:
                 self.records.add_companions(state, 0.0)
-        sim.costs.agree()
+        sim.costs.gather()
         self.on_root(lambda: sim.costs.write(self.directory / "costs.csv"))
-        self.put_out = sim.time
+        self.last_output = sim.time
         self.progress.line(sim.state, self.dt, self.set_by, f"snapshot {self.snapshots:04d}")
         self.snapshots += 1
 

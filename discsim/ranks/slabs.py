@@ -13,7 +13,6 @@ import numpy as np
 from scipy.fft import dct
 
 from discsim.kernels.gravity.poisson import TILE
-from discsim.numerics import thread_pool
 from discsim.numerics.poisson import (
     ROWS,
     Kernel,
@@ -53,12 +52,12 @@ class Slabs:
         self.by_rows = np.empty((tiles_of(padded), rows, TILE), complex)
         self.by_tiles = np.empty((tiles, self.count, TILE), complex)
         self._kernel = self._transform(padded, cell, kernel, periodic) / (padded[0] * padded[1])
-        self._workers = Workers(padded, periodic, border, thread_pool.number_of_threads())
+        self._workers = Workers(padded, periodic, border)
         self._exchange = AllToAll(comm, self._tiles, self.rows)
 
     def solve(self) -> None:
         """Compute `potential` from the `density` of all ranks. Collective."""
-        by_rows, by_tiles, each = self.by_rows, self.by_tiles, self._workers.each
+        by_rows, by_tiles, each = self.by_rows, self.by_tiles, self._workers.run_batches
         each(lambda worker, batch: worker.forward(self.density, batch * ROWS, by_rows), -(-self.held // ROWS))
         self._exchange.gather_second_axis(by_rows, by_tiles)
         each(lambda worker, tile: worker.convolve(by_tiles, tile, self._kernel), len(by_tiles))

@@ -17,7 +17,7 @@ from discsim.kernels.common.neighbours import FIRST, REACH
 from discsim.kernels.mpi.halo import EITHER, cells_within_halo, mark_cells
 from discsim.numerics import world
 from discsim.numerics.neighbours import cells_in, corners_of_cells, keys_in
-from discsim.numerics.sph import Around, Points, Sph
+from discsim.numerics.sph import Points, PointsWithGhosts, Sph
 from discsim.numerics.state import Gas
 from discsim.numerics.world import Needed
 from discsim.ranks.comm import Comm
@@ -46,9 +46,9 @@ class DividedSph(Sph):
         self.again = 0  # how often the halo was too narrow
         self.alone = self.ghosts = self.left = np.empty(0, np.int64)
 
-    def settle(self, gas: Points, vel: Array, h_least: float) -> bool:
+    def find_h_and_density(self, gas: Points, vel: Array, h_least: float) -> bool:
         begun, self.needed = gas.h.copy(), 0.0
-        while not super().settle(gas, vel, h_least):
+        while not super().find_h_and_density(gas, vel, h_least):
             gas.h[:], self.room = begun, HALO_MARGIN * self.needed
             self.again += 1
         self._found.append(self.needed)
@@ -58,11 +58,11 @@ class DividedSph(Sph):
     def forces(self, gas: Gas, acc: Array, vel: Array, u: Array | None, pressure: Array) -> float:
         """Compute forces as `Sph.forces`, and free the neighbour data, as a kick needs the memory."""
         found = super().forces(gas, acc, vel, u, pressure)
-        del self.both, self.cells, self.lists, self.found, self.met
+        del self.both, self.cells, self.lists, self.found, self.marked
         self.columns = self.columns[:0].copy()
         return found
 
-    def around(self, points: Points) -> Around:
+    def with_ghosts(self, points: Points) -> PointsWithGhosts:
         """Return own particles combined with ghosts, in a halo of `room` times the largest support. Collective."""
         grids, classes = self.grids_of(points)
         held = [k for k in range(len(grids.table)) if np.any(classes == k)]
@@ -81,9 +81,9 @@ class DividedSph(Sph):
         self.ghosts = np.flatnonzero(cells.order >= points.count)  # their indices in cell order
         self.alone = needed
         self.alone[cells.key[cells.order[self.ghosts]]] = False
-        return Around(wide, h, mass, cells._replace(filled=mine))
+        return PointsWithGhosts(wide, h, mass, cells._replace(filled=mine))
 
-    def outgrown(self, own: Array) -> Array:
+    def outgrown_cells(self, own: Array) -> Array:
         """Return all outgrown cells, in which the support of a particle has become larger than allowed for the cell.
 
         own: cells outgrown by own particles. Cells outgrown by ghosts are added.
@@ -93,7 +93,7 @@ class DividedSph(Sph):
         self.left = own
         return np.union1d(own, cells.key[ghosts[beyond]])
 
-    def meets_all(self, outgrown: Array) -> bool:
+    def halo_suffices(self, outgrown: Array) -> bool:
         """Return whether the halo contains all particles within reach of outgrown cells, on all ranks. Collective.
 
         Each rank tests its own cells. A cell may reach beyond the halo if it reaches only cells without ghosts.

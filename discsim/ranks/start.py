@@ -15,7 +15,7 @@ from discsim.numerics.state import Dust, Gas, State
 from discsim.numerics.threads import set_threads
 from discsim.ranks.agreed import on_root
 from discsim.ranks.comm import Comm
-from discsim.run.start import Begun, begin
+from discsim.run.start import InitialState, begin
 from discsim.scene import Scene
 
 PARTICLE_TYPES: dict[str, Any] = {"gas": Gas, "dust": Dust}
@@ -23,10 +23,10 @@ PARTICLE_TYPES: dict[str, Any] = {"gas": Gas, "dust": Dust}
 SHARED_FIELDS = ("time", "step", "earlier", "velocity_lag", "ledger", "subcycle_clock", "bodies")
 
 
-def begun(comm: Comm, scene: Scene, to_restore: bool) -> Begun:
+def begun(comm: Comm, scene: Scene, to_restore: bool) -> InitialState:
     """Return the start of a scene as `run.start.begin`, with all particles on rank 0."""
     set_threads(scene.run.threads)
-    made: list[Begun] = []
+    made: list[InitialState] = []
 
     def make() -> Any:
         made.append(begin(scene, to_restore=to_restore))
@@ -36,7 +36,7 @@ def begun(comm: Comm, scene: Scene, to_restore: bool) -> Begun:
     return made[0] if made else without_particles(scene, heard)
 
 
-def told(begun: Begun) -> dict[str, Any]:
+def told(begun: InitialState) -> dict[str, Any]:
     """Return the data of a start that the other ranks need: shapes and types of arrays, and values of the state."""
     state = begun.state
     return {
@@ -51,7 +51,7 @@ def told(begun: Begun) -> dict[str, Any]:
     }
 
 
-def without_particles(scene: Scene, told: dict[str, Any]) -> Begun:
+def without_particles(scene: Scene, told: dict[str, Any]) -> InitialState:
     """Return the start on another rank than 0: the same state and effects, but arrays without particles."""
     # Effects need a state with as many particles: zeros, which take no memory until they are written.
     species: dict[str, Any] = {
@@ -71,4 +71,4 @@ def without_particles(scene: Scene, told: dict[str, Any]) -> Begun:
     for p in species.values():
         for key, array in p.arrays().items():
             setattr(p, key, array[:0].copy())
-    return Begun(state, effects)
+    return InitialState(state, effects)

@@ -9,7 +9,7 @@ import numpy as np
 from mpi4py import MPI
 
 from discsim.effects.base import is_sort_step
-from discsim.numerics.world import Fetched, Joined, Needed
+from discsim.numerics.world import Needed
 from discsim.ranks.agreed import raise_together
 from discsim.ranks.comm import Comm
 from discsim.ranks.division import PARTICLE_COST, Division
@@ -24,7 +24,7 @@ Array = np.ndarray
 
 
 class Ranks:
-    """Communication between the ranks of a run, with the interface of `world.Alone`.
+    """Communication between the ranks of a run, with the interface of `world.SerialComm`.
 
     division: ownership of particles. forgets: functions that drop caches, called by `forget`.
     """
@@ -67,7 +67,7 @@ class Ranks:
     def forget_positions(self) -> None:
         self.division.forget()
 
-    def settle(self, state: State) -> None:
+    def migrate(self, state: State) -> None:
         self.forget()
         if is_sort_step(state.step):
             self.division.cut(state.species)
@@ -97,12 +97,12 @@ class Ranks:
         cost = sum(PARTICLE_COST[name] * p.count for name, p in state.species.items())
         self.balance = self.most(cost) * self.comm.size / max(self.sum(cost), 1.0)
 
-    def everyone(self, particles: Particles) -> Joined:
+    def everyone(self, particles: Particles) -> Ordered:
         one = Needed(np.ones(1, bool), np.zeros(1, np.int64), np.ones(1, np.int64))
         route = route_to(self.comm, np.zeros(particles.count, np.uint32), asked_of(self.comm, one))
         return Ordered(Wide(particles, route, lasting=True))
 
-    def in_cells(self, particles: Any, key: Array, needed: Callable[[], Needed]) -> Fetched:
+    def in_cells(self, particles: Any, key: Array, needed: Callable[[], Needed]) -> Wide:
         return in_cells(self.comm, particles, key, asked_of(self.comm, needed()), lasting=True)
 
     def sph(self, kind: Any, scene: Scene) -> DividedSph:

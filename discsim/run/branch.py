@@ -1,6 +1,6 @@
 """Scene of a new run that starts from a snapshot of an earlier run, with changed physics, and a list of the changes.
 
-The new scene is a copy of the earlier one, with its comments, but [initial] names the snapshot. Time continues from
+The new scene is a copy of the earlier scene, with its comments, but [initial] names the snapshot. Time continues from
 the time of the snapshot, so that both runs have outputs at the same times.
 """
 
@@ -27,15 +27,15 @@ class BranchError(UserError):
 
 
 class Branch(NamedTuple):
-    """Scene of a new run, path of the snapshot that it starts from, and its changes, one line of text each."""
+    """Scene of a new run, path of the snapshot from which it starts, and texts about the changed tables and keys."""
 
     scene: Scene
     snapshot: Path
     changes: list[str]
 
     @property
-    def words(self) -> str:
-        """Text about the snapshot, its time and the changes, one line each."""
+    def text(self) -> str:
+        """Text about the snapshot and its time, and the changes, one line each."""
         when = self.scene.initial.file.time_text
         return "\n  ".join(
             [f"branch of {printable(self.snapshot)} at t = {when}, with", *(self.changes or ["nothing changed"])]
@@ -45,8 +45,9 @@ class Branch(NamedTuple):
 def branch(run: Path, number: int | None, settings: Sequence[str] = (), without: Sequence[str] = ()) -> Branch:
     """Return the scene of a new run that starts from a snapshot of an earlier run.
 
-    run: directory of the earlier run. number: number of the snapshot; None: the last one. settings: changed keys, such
-    as "gas.particles=1000". without: names of tables to remove. Raises BranchError, SceneError.
+    run: directory of the earlier run. number: number of the snapshot; None: the last one. settings: changed keys with
+    their values, such as "gas.particles=1000". without: names of tables to remove. Raises BranchError for the snapshot,
+    and SceneError for the new scene.
     """
     snapshot = _snapshot_path(run, number)
     path = run / "scene.toml"
@@ -55,8 +56,8 @@ def branch(run: Path, number: int | None, settings: Sequence[str] = (), without:
     _refuse_lost_temperature(before, settings)
     scene = load_scene(path, [f"initial={initial}", *settings], without)
     changes = list(_list_changes(before, scene))
-    head = Branch(scene, snapshot, changes).words
-    comment = "".join(f"# {line}\n" for line in printable_lines(head).split("\n"))
+    text = Branch(scene, snapshot, changes).text
+    comment = "".join(f"# {line}\n" for line in printable_lines(text).split("\n"))
     return Branch(scene.model_copy(update={"text": f"{comment}\n{scene.text}"}), snapshot, changes)
 
 
@@ -71,33 +72,36 @@ def _snapshot_path(run: Path, number: int | None) -> Path:
     return found[wanted]
 
 
-def _initial_table(path: Path, file: str, refers: bool) -> str:
+def _initial_table(path: Path, file: str, has_reference: bool) -> str:
     """Return the table [initial] of the new scene as an inline TOML table.
 
-    path: scene of the earlier run. file: its snapshot. refers: whether that scene has a reference radius for its power
-    laws, which is then copied.
+    path: scene file of the earlier run. file: snapshot of the earlier run. has_reference: whether the start of the
+    earlier run has a reference radius of power laws, which is then copied.
     """
     entries: dict[str, Any] = {"kind": KIND, "file": file, "keep_time": True}
     was = value_at(parse_scene(path, read_scene_text(path)), "initial") or {}
     radius = was.get("reference_radius", was.get("radius"))  # a ring refers to its own radius
-    if refers and radius is not None:
+    if has_reference and radius is not None:
         entries["reference_radius"] = radius
     return "{" + ", ".join(f"{key} = {json.dumps(value)}" for key, value in entries.items()) + "}"
 
 
 def _refuse_lost_temperature(before: Scene, settings: Sequence[str]) -> None:
-    """Raise BranchError if the gas temperature came from a table of the initial state, as snapshots do not store it."""
+    """Raise BranchError if the gas temperature came from the start, which snapshots do not store, and is not replaced.
+
+    before: scene of the earlier run. settings: changed keys.
+    """
     brings = before.initial is not None and start_of(before).thermal_speed
     if not brings or before.gas is None or not getattr(before.initial, "sets_temperature", False):
         return
     given = any(each.startswith("gas.eos") for each in settings)
     if before.gas.eos.kind == "locally-isothermal" and not given:
         wrong = "the gas temperature came from the table of the start, and snapshots do not contain it"
-        raise BranchError(f"{before.path}: {wrong}; expected another temperature, like --set gas.eos.aspect_ratio=0.05")
+        raise BranchError(f"{before.path}: {wrong}; set a temperature, for example: --set gas.eos.aspect_ratio=0.05")
 
 
 def _list_changes(before: Scene, after: Scene) -> Iterator[str]:
-    """Yield the changes of tables and keys between two scenes, one line of text each."""
+    """Yield texts about the changes of tables and keys between two scenes, such as "gas.particles = 100, was 200"."""
     old, new = (tomllib.loads(scene.text) for scene in (before, after))
     for key in differences(before, after):
         path = [int(part) if part.isdecimal() else part for part in key.split(".")]
@@ -113,4 +117,5 @@ def _list_changes(before: Scene, after: Scene) -> Iterator[str]:
 
 
 def _value_text(value: Any) -> str:
+    """Return a value of a key as text; None: the key is absent."""
     return "the default" if value is None else json.dumps(value, ensure_ascii=False)

@@ -1,4 +1,4 @@
-"""The last two checkpoints of a run; a run resumes from the newest one that is intact."""
+"""The last two checkpoints of a run; the run resumes from the newer one, if it is intact."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from discsim.run.directory import CHECKPOINTS
 class Checkpoints:
     """Checkpoint files of a run directory.
 
-    last, before: paths of the last checkpoint and of the previous one. chosen: path of the checkpoint to resume from.
-    fault: reason why `chosen` is not `last`, otherwise "".
+    last, before: paths of the last checkpoint and of the one before it. chosen: path of the checkpoint to resume from,
+    which `newest` sets. fault: reason why `chosen` is not `last`, otherwise "".
     """
 
     def __init__(self, directory: Path) -> None:
@@ -26,9 +26,9 @@ class Checkpoints:
         self.chosen, self.fault = self.last, ""
 
     def newest(self) -> tuple[dict[str, Any], Values]:
-        """Choose the newest readable checkpoint; return its arrays by group, without particles, and its single values.
+        """Set `chosen` to the newest readable checkpoint, and return its arrays by group and its single values.
 
-        Raises CheckpointError if neither checkpoint can be read.
+        The groups of particles are left out. Raises CheckpointError if neither checkpoint can be read.
         """
         try:
             return check_checkpoint(self.last)
@@ -40,19 +40,19 @@ class Checkpoints:
             both = f"{self.fault}; {fault}" if self.before.exists() else self.fault
             raise CheckpointError(both) from None
 
-    def refuse_lost_snapshots(self, folder: Path, number: int, put_out: float) -> None:
+    def refuse_lost_snapshots(self, folder: Path, number: int, last_output: float) -> None:
         """Raise CheckpointError if resuming would remove a snapshot that the run does not write again.
 
-        folder: snapshots. number: number of snapshots before the checkpoint. put_out: time of the last of these.
-        Resuming removes the snapshots numbered `number` and above, so each must be later than `put_out`.
+        folder: directory of the snapshots. number, last_output: number of snapshots before the checkpoint, and time of
+        the last of these. Resuming removes the snapshots from `number` on, so each must be later than `last_output`.
         """
         for path in later_snapshots(folder, number):
             with suppress(SnapshotError), hdf5.open_file_of_kind(path, SnapshotError, "snapshot") as file:
-                if time_of(file) <= put_out:
-                    wrong = f"damaged checkpoint: it counts only {number} snapshots, but {path} is older than it"
+                if time_of(file) <= last_output:
+                    wrong = f"damaged checkpoint: it is later than {path}, but its number of snapshots is {number}"
                     raise CheckpointError(f"{self.chosen}: {wrong}; resume from another checkpoint")
 
-    def settle(self) -> None:
+    def keep_chosen(self) -> None:
         """Rename the chosen checkpoint to `last`, so that the next checkpoint does not overwrite it."""
         if self.chosen != self.last:
             rename_file(self.chosen, self.last)

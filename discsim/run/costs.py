@@ -7,6 +7,8 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
+
 from discsim.numerics.thread_pool import cpu_time
 from discsim.output.costtable import COLUMNS
 from discsim.output.files import replace_atomically
@@ -21,7 +23,10 @@ class Costs:
 
     @contextmanager
     def __call__(self, name: str, calls: int = 1) -> Iterator[None]:
-        """Add the CPU time within the context, of this thread and its helpers, to `name`, and count `calls` calls."""
+        """Add the CPU time within the context to the seconds of `name`, and `calls` to its calls.
+
+        The CPU time is that of this thread and of its helpers in parallel loops.
+        """
         start = cpu_time()
         yield
         spent = cpu_time() - start  # before the sum is read: another thread may add to it at the same time
@@ -30,27 +35,33 @@ class Costs:
 
     @property
     def total(self) -> float:
+        """CPU seconds of all effects together."""
         return sum(self.seconds.values())
 
     @property
     def shares(self) -> dict[str, float]:
-        """Fraction of the total CPU time, by name."""
+        """Fraction of `total` that each effect has taken, by name."""
         return {name: seconds / (self.total or 1.0) for name, seconds in self.seconds.items()}
 
+    def arrays(self) -> dict[str, np.ndarray]:
+        """Return `calls` and `seconds` as arrays (effects,), for a checkpoint."""
+        return {"calls": np.array([*self.calls.values()]), "seconds": np.array([*self.seconds.values()])}
+
     def copy(self) -> Costs:
+        """Return costs with the present numbers, which do not change later."""
         same = Costs(self.calls)
         same.calls.update(self.calls)
         same.seconds.update(self.seconds)
         return same
 
     def forget(self, start: Costs, end: Costs) -> None:
-        """Subtract the costs between the copies `start` and `end`, which enclose a step in which kernels compiled."""
+        """Subtract the difference between `end` and `start`, copies from after and before kernels were compiled."""
         for name in self.calls:
             self.calls[name] -= end.calls[name] - start.calls[name]
             self.seconds[name] -= end.seconds[name] - start.seconds[name]
 
-    def agree(self) -> None:
-        """Collect the costs of all processes before `write`; does nothing in serial runs."""
+    def gather(self) -> None:
+        """Collect the costs of all processes, for `write`; does nothing in serial runs."""
 
     def rows(self) -> Iterator[list[str]]:
         """Yield the rows of the table; the first row has the column names."""
@@ -60,6 +71,6 @@ class Costs:
             yield [name, str(self.calls[name]), f"{seconds:.4f}", f"{shares[name]:.4f}"]
 
     def write(self, path: Path) -> None:
-        """Write the table as CSV; the file appears at `path` only when it is complete."""
+        """Write the table as CSV to `path`, where the file appears only when it is complete."""
         with replace_atomically(path) as temporary, temporary.open("w", newline="") as file:
             csv.writer(file).writerows(self.rows())

@@ -1,4 +1,4 @@
-"""Directory of a run: checks of its contents, and a lock that keeps other processes out."""
+"""Directory of a run: checks of its contents, copies of input files, and a lock against other processes."""
 
 from __future__ import annotations
 
@@ -27,15 +27,13 @@ except ImportError:  # a system without flock
     fcntl = None
 
 parts = Lazy("discsim.output.parts")  # imports h5py
-CHECKPOINTS = ("checkpoint.h5", "checkpoint_before.h5")  # the last one, and the one before it
+CHECKPOINTS = ("checkpoint.h5", "checkpoint_before.h5")  # files of the last checkpoint, and of the one before it
 RUN_FILES = ("scene.toml", *CHECKPOINTS, "snapshots")
 # Errors of flock on file systems without locks.
 FLOCK_UNSUPPORTED = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP)
 # Errors of open on a link, a directory or a socket in place of a lock.
 NOT_A_PLAIN_FILE = (errno.ELOOP, errno.EISDIR, errno.ENXIO)
-LOCK_MESSAGE = (
-    "is not a plain file, but runs use this name for their lock; expected another directory, or this entry removed"
-)
+LOCK_MESSAGE = "is not a plain file, but runs use this name for their lock; remove it, or use another directory"
 
 _locks: set[int] = set()  # descriptors of the locks that this process holds
 
@@ -81,7 +79,7 @@ def directory_fault(directory: Path, resume: bool) -> str | None:
 
 
 def refuse_directory(directory: Path, resume: bool) -> None:
-    """Raise DirectoryError if a run cannot write to a directory."""
+    """Raise DirectoryError if a run cannot write to `directory`."""
     fault = directory_fault(directory, resume)
     if fault:
         raise DirectoryError(fault)
@@ -93,8 +91,8 @@ def read_scene_file(directory: Path) -> bytes:
     try:
         return read_plain(path)
     except OSError as fault:
-        wanted = "expected the scene of the run, or another directory"
-        raise DirectoryError(f"{system_message(fault, 'read', path)}; {wanted}") from None
+        remedy = "restore the scene of the run, or use another directory"
+        raise DirectoryError(f"{system_message(fault, 'read', path)}; {remedy}") from None
 
 
 def copy_input_files(scene: Scene, directory: Path, made: list[Path]) -> Scene:
@@ -140,9 +138,9 @@ def copy_input_files(scene: Scene, directory: Path, made: list[Path]) -> Scene:
 
 
 def remove_copies(made: list[Path]) -> None:
-    """Remove the copied files `made` of a run that did not begin, and the folder made for their parts."""
+    """Remove the files and folders `made` by `copy_input_files` for a run that did not begin."""
     for path in reversed(made):
-        with suppress(OSError):  # the fault that ended the run is reported instead
+        with suppress(OSError):  # the fault that stopped the run is reported instead
             if path.is_dir():
                 path.rmdir()
             else:
@@ -160,12 +158,12 @@ def ended_before_checkpoint(directory: Path) -> bool:
 
 
 @contextmanager
-def held(directory: Path) -> Iterator[bool]:
+def locked_directory(directory: Path) -> Iterator[bool]:
     """Lock `directory` against other processes within the context.
 
-    Yields True, or False if the file system has no locks. The directory is made if absent, and removed at the end if
-    it is still empty. The lock is released even if the process is killed. Raises DirectoryError if another process
-    holds the lock, and OSError.
+    Yield True, or False if the file system has no locks. The directory is made if absent, and removed at the end if it
+    is still empty. The lock is released even if the process is killed. Raises DirectoryError if another process holds
+    the lock, and OSError.
     """
     absent = [folder for folder in (directory, *directory.parents) if not folder.exists()]
     directory.mkdir(parents=True, exist_ok=True)
@@ -181,14 +179,14 @@ def held(directory: Path) -> Iterator[bool]:
                 _locks.remove(file)
                 path.unlink(missing_ok=True)
                 os.close(file)
-            for folder in absent:  # empty ones alone: a run that wrote nothing leaves nothing
-                folder.rmdir()
+            for folder in absent:
+                folder.rmdir()  # fails for a folder with files; a run that wrote nothing leaves no folder
 
 
 def _lock_file(path: Path) -> int | None:
     """Lock the file at `path`, and return its descriptor; None if the file system has no locks.
 
-    The process is named in the file, for messages of other processes.
+    The process writes its number and host into the file, for messages of other processes.
     """
     while fcntl is not None:
         file, is_ours = _open_lock_file(path)
@@ -205,8 +203,8 @@ def _lock_file(path: Path) -> int | None:
             holder = os.read(file, 200).decode(errors="replace") or "another process"
             os.close(file)
             if isinstance(fault, BlockingIOError):
-                wanted = "expected another directory, or wait until that run has ended"
-                raise DirectoryError(f"{path.parent}: another run uses this directory ({holder}); {wanted}") from None
+                remedy = "use another directory, or wait until that run has ended"
+                raise DirectoryError(f"{path.parent}: another run uses this directory ({holder}); {remedy}") from None
             if fault.errno not in FLOCK_UNSUPPORTED:
                 raise
             path.unlink(missing_ok=True)
@@ -217,8 +215,8 @@ def _lock_file(path: Path) -> int | None:
 def _open_lock_file(path: Path) -> tuple[int, bool]:
     """Open the lock file at `path`; return its descriptor, and whether the file can be written.
 
-    A lock file left by another user may be read-only; it can be locked all the same. A link is not followed, as its
-    target would be emptied. Raises DirectoryError, OSError.
+    A lock file of another user may be read-only, but it can still be locked. A link is not followed, as its target
+    would be emptied. Raises DirectoryError, OSError.
     """
     flags = os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
     try:
@@ -227,8 +225,8 @@ def _open_lock_file(path: Path) -> tuple[int, bool]:
         try:
             file, is_ours = os.open(path, os.O_RDONLY | flags), False
         except PermissionError:
-            wanted = "expected another directory, or remove the file after that user's run has ended"
-            raise DirectoryError(f"{path}: this lock belongs to another user and cannot be opened; {wanted}") from None
+            remedy = "use another directory, or remove the file after that user's run has ended"
+            raise DirectoryError(f"{path}: this lock belongs to another user and cannot be opened; {remedy}") from None
     except OSError as fault:
         if fault.errno not in NOT_A_PLAIN_FILE:
             raise
@@ -240,16 +238,16 @@ def _open_lock_file(path: Path) -> tuple[int, bool]:
 
 
 def _is_file_at(file: int, path: Path) -> bool:
-    """Return whether the open `file`, a descriptor, is still the file at `path`."""
+    """Return whether the descriptor `file` is of the file that is now at `path`."""
     try:
         return os.path.samestat(os.fstat(file), path.stat())
     except FileNotFoundError:
         return False
 
 
-def sweep(directory: Path) -> None:
-    """Remove half-written files of killed runs. The caller must hold the lock of the directory."""
-    places = directory, directory / "snapshots"
-    for folder in (*places, *(place / PARTS for place in places)):
+def remove_partial_files(directory: Path) -> None:
+    """Remove half-written files of killed runs from `directory`. The caller must hold the lock of the directory."""
+    folders = directory, directory / "snapshots"
+    for folder in (*folders, *(folder / PARTS for folder in folders)):
         for part in (*folder.glob(".*.part"), *folder.glob(".*.part.png")):
             part.unlink()

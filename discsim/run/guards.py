@@ -1,4 +1,4 @@
-"""Checks that stop a run whose numbers are wrong or about to be; each raises a PhysicsError that names the cause."""
+"""Checks that stop a run if its numbers are wrong or will soon be; each raises a PhysicsError that names the cause."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from discsim.numerics.state import State
 from discsim.numerics.threads import parallel_for_ranges
 from discsim.parts import Lazy
 from discsim.physics.orbits import star_acts_in_drift
-from discsim.run.forces import Effects, Limits, PhysicsError, acceleration_of, limit_of_dust
+from discsim.run.forces import Effects, Limits, PhysicsError, acceleration_of, limiting_grain
 
 finite = Lazy("discsim.kernels.common.finite")
 
-INPUTS = ("pos", "vel", "mass", "u", "h")  # arrays that a step reads
+STEP_INPUTS = ("pos", "vel", "mass", "u", "h")  # arrays that a step reads
 
-# Detection of unstable gas: smallest number of sampled particles, number of steps between checks, and limits that at
-# most half of the sample may pass.
+# Detection of unstable gas: smallest size of the sample if there is more gas, and number of steps between checks.
 MIN_SAMPLE, CHECK_EVERY = 512, 16
+# Gas is unstable if more than half of the sample is beyond each of these two limits.
 REVERSAL_COSINE = -0.2  # cosine of the angle between two successive changes of acceleration
 MAX_KICK = 0.25  # difference between the velocity changes of two steps, in sound speeds
 
 
 class Sample(NamedTuple):
-    """Sample of gas particles at one time: ids (n,), ascending, sound speeds (n,) and accelerations (n, d)."""
+    """Sample of n gas particles in one step: ids (n,), which ascend, sound speeds (n,) and accelerations (n, d)."""
 
     time: float
     ids: np.ndarray
@@ -42,10 +42,10 @@ class Sample(NamedTuple):
 class ReversalGuard:
     """Detector of unstable gas, whose accelerations change sign in every step.
 
-    In an unstable leapfrog, sound waves between neighbours change sign with each step and grow. In a stable run most of
-    the gas never does so, as steps resolve its motion. Sampled particles have accelerations a1, a2, a3 in three
-    consecutive steps, without the pull of the central mass; d1 = a2 - a1 and d2 = a3 - a2. cos(d1, d2) is near 1 on
-    smooth paths, -1 for one growing mode, and -1/2 for noise that is independent in each step. |d2| dt is the
+    In an unstable leapfrog, sound waves between neighbours change sign with each step and grow. In a stable run this
+    happens to few particles at most, as steps resolve the motion. Sampled particles have accelerations a1, a2, a3 in
+    three consecutive steps, without the pull of the central mass; d1 = a2 - a1 and d2 = a3 - a2. cos(d1, d2) is near 1
+    on smooth paths, -1 for one growing mode, and -1/2 for noise that is independent in each step. |d2| dt is the
     difference between the velocity changes of two steps.
     """
 
@@ -53,13 +53,14 @@ class ReversalGuard:
         self.samples: list[Sample] = []  # samples of the last steps
 
     def forget(self) -> None:
-        """Drop all samples, before steps that do not follow the sampled ones."""
+        """Drop all samples. Call this if the next step does not follow the sampled steps."""
         self.samples.clear()
 
     def check(self, state: State, effects: Effects) -> None:
-        """Add a sample in some steps; raise PhysicsError if most of the sampled gas is unstable, on every process.
+        """Sample the gas in three of every CHECK_EVERY steps, and check the third sample.
 
-        Gas is unstable if most of the sample has a cosine below REVERSAL_COSINE and most has a change above MAX_KICK.
+        Raises PhysicsError, on every process, if more than half of the sample has a cosine below REVERSAL_COSINE and
+        more than half a velocity difference above MAX_KICK.
         """
         gas, turn = state.gas, state.step % CHECK_EVERY
         if gas is None or gas.global_count == 0 or not 1 <= turn <= 3:
@@ -78,8 +79,8 @@ class ReversalGuard:
         kicks = np.sqrt((second**2).sum(axis=1)) * (self.samples[2].time - self.samples[1].time)
         beyond = kicks > MAX_KICK * self.samples[2].sound_speed[rows[2]]
         counts = np.array([len(ids), np.count_nonzero(cosine < REVERSAL_COSINE), np.count_nonzero(beyond)])
-        number, reversals, beyonds = world.processes.sum(counts)
-        if 2 * reversals > number and 2 * beyonds > number:
+        number, reversals, large_kicks = world.processes.sum(counts)
+        if 2 * reversals > number and 2 * large_kicks > number:
             key = "courant" if state.scene.run.timestep is None else "timestep"
             raise PhysicsError(
                 f"the gas is numerically unstable: accelerations reverse in every step, and each kick exceeds "
@@ -90,7 +91,7 @@ class ReversalGuard:
 def _sample(state: State) -> Sample:
     """Return a sample of the gas: the particles whose ids are multiples of a power of two.
 
-    Accelerations are without the pull of the central mass.
+    The pull of the central mass is subtracted from the accelerations.
     """
     gas = state.gas
     every = 1 << max(gas.global_count // MIN_SAMPLE, 1).bit_length() - 1
@@ -103,13 +104,8 @@ def _sample(state: State) -> Sample:
     return Sample(state.time, gas.ids[rows], gas.sound_speed[rows], acc)
 
 
-def particles_interact(state: State) -> bool:
-    """Return whether particles interact, so that one number that is not finite spreads to other particles."""
-    return state.gas is not None or state.grid is not None
-
-
 def check_entries(state: State, effects: Effects) -> None:
-    """Check arrays that a caller may have set, before a kernel reads them.
+    """Check the arrays of the state, which a caller may have set, before a kernel reads them.
 
     Raises EntryError for a wrong type, shape or range, and PhysicsError as `check_inputs`.
     """
@@ -136,7 +132,7 @@ def check_inputs(state: State, effects: Effects) -> None:
     species = state.species.items()
     arrays = [
         (name, values, f"in its {key} before the step")
-        for name, p in species for key in INPUTS if (values := getattr(p, key, None)) is not None
+        for name, p in species for key in STEP_INPUTS if (values := getattr(p, key, None)) is not None
     ]  # fmt: skip
     _check_arrays(state, effects, arrays, made_here=False)
 
@@ -153,7 +149,7 @@ def check_after_kick(state: State, effects: Effects) -> None:
 def check_forces(state: State, effects: Effects, limits: dict[str, float]) -> None:
     """Raise PhysicsError if an acceleration is not finite, or a time-step limit is NaN or not positive.
 
-    limits: time-step limits by effect.
+    limits: time-step limits by name of the effect.
     """
     _check_arrays(state, effects, [(name, p.acc, "in its acceleration") for name, p in state.species.items()])
     _check_bodies(state)
@@ -163,13 +159,13 @@ def check_forces(state: State, effects: Effects, limits: dict[str, float]) -> No
 
 
 def check_dust_step(state: State, effects: Effects, limits: Limits, dt: float) -> None:
-    """Raise PhysicsError if a step of dt is too long for the orbits of one-way dust, which must not shorten it."""
+    """Raise PhysicsError if a step of dt is too long for the orbits of one-way dust, which does not shorten steps."""
     if dt <= limits.dust:
         return
     dust, name, which, remedy = state.dust, limits.dust_by, "a dust particle", ""
     assert dust is not None
     if not world.processes.many:
-        i, remedy = limit_of_dust(effects[name], state)
+        i, remedy = limiting_grain(effects[name], state)
         remedy = remedy and f"{remedy}, or "
         which = f"dust particle {dust.ids[i]} at r = {np.linalg.norm(dust.pos[i]):.3g}"
     raise PhysicsError(
@@ -194,7 +190,7 @@ def _check_bodies(state: State) -> None:
 
 
 def _negative_energy_remark(state: State) -> str:
-    """Return a remark for a message if a gas particle has a negative energy, otherwise an empty text."""
+    """Return a remark about a gas particle with a negative energy, for a message; "" if there is none."""
     gas = state.gas
     if gas is None or gas.u is None or not gas.pressure.min() < 0.0:
         return ""
@@ -205,22 +201,14 @@ def _negative_energy_remark(state: State) -> str:
 def _check_arrays(
     state: State, effects: Effects, arrays: list[tuple[str, np.ndarray, str]], made_here: bool = True
 ) -> None:
-    """Raise PhysicsError unless all `arrays` are finite; entries are (species, values, description of the array)."""
-    if not _are_finite([values for _, values, _ in arrays]):
-        for name, values, where in arrays:
-            _check_finite(state, effects, name, values, where, made_here)
+    """Raise PhysicsError unless all `arrays` are finite.
 
-
-def _check_finite(
-    state: State, effects: Effects, name: str, values: np.ndarray, where: str, made_here: bool = True
-) -> None:
-    """Raise PhysicsError unless all `values` (n, ...) of species `name` are finite.
-
-    where: description of the array for the message. made_here: whether effects have computed the values; the message
-    then names the first effect at fault.
+    arrays: tuples (species, values (n, ...), description of the array for the message). made_here: whether effects have
+    just computed the values; the message then names the first effect at fault.
     """
-    if _are_finite([values]):
+    if _are_finite([values for _, values, _ in arrays]):
         return
+    name, values, where = next(each for each in arrays if not _are_finite([each[1]]))
     particles = state.species[name]
     rows = values.reshape(len(values), -1)
     right = np.isfinite(rows).all(axis=1)
@@ -233,7 +221,10 @@ def _check_finite(
 
 
 def _remark_on_first_effect(state: State, effects: Effects, species: str, i: int) -> str:
-    """Return a remark that names the first effect whose acceleration of particle `i` is not finite."""
+    """Return a remark that names the first effect whose acceleration of a particle is not finite; "" if there is none.
+
+    species, i: species and row of the particle.
+    """
     if world.processes.many:
         return ""  # effects make collective calls, and other processes have not found a fault
     for name, effect in effects.items():
@@ -248,9 +239,9 @@ def _remark_on_first_effect(state: State, effects: Effects, species: str, i: int
 
 
 def _are_finite(arrays: list[np.ndarray]) -> bool:
-    """Return whether all entries of arrays (n, ...) are finite.
+    """Return whether all entries of all `arrays` are finite.
 
-    All arrays are tested in one parallel loop, as most are too short for a loop of their own.
+    The arrays are tested in one parallel loop, as most are too short for a loop of their own.
     """
     rows = [(len(array), array.reshape(len(array), -1)) for array in arrays if array.size > 0]
     return all(chain(*parallel_for_ranges(finite.are_finite, rows, light=True)))

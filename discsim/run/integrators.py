@@ -18,10 +18,10 @@ if TYPE_CHECKING:
 
 
 def kdk(step: "Operators", dt: float, until: float) -> None:
-    """Advance by dt with second-order accuracy (kick, drift, kick).
+    """Advance the state of `step` by dt with second-order accuracy (kick, drift, kick).
 
-    The closing kick of the previous step is made first; that of this step is left to the next one. If the end is within
-    rounding of `until`, the time is set to `until`.
+    The closing kick of the previous step is made first; the closing kick of this step is left to the next step. If the
+    step ends within rounding of `until`, the time is set to `until`.
     """
     state = step.state
     step.kick(state.velocity_lag + 0.5 * dt)
@@ -30,13 +30,13 @@ def kdk(step: "Operators", dt: float, until: float) -> None:
     step.move(dt)
     state.velocity_lag = 0.5 * dt
     step.operate(0.5 * dt, backwards=True)
-    state.arrive(dt, until)
+    state.advance_time(dt, until)
     step.events()
     step.forces()
 
 
 def euler(step: "Operators", dt: float, until: float) -> None:
-    """Advance by dt with first-order accuracy.
+    """Advance the state of `step` by dt with first-order accuracy.
 
     Velocities change by the forces at the old positions, and positions by the old velocities. until: as in `kdk`.
     """
@@ -50,7 +50,7 @@ def euler(step: "Operators", dt: float, until: float) -> None:
         m.vel = vel.copy()
     step.move(dt)
     for m, vel, old in zip(moving, kicked, before, strict=True):
-        m.vel = vel + (m.vel - old)  # add the turn of a companion on its orbit, and of the frame of the star
-    state.arrive(dt, until)
+        m.vel = vel + (m.vel - old)  # adds the changes by the drift: rotation of orbits, and acceleration of the frame
+    state.advance_time(dt, until)
     step.events()
     step.forces()

@@ -1,36 +1,46 @@
-"""Handlers of the signals that end a run."""
+"""Handlers of signals that stop a run or a step at its next safe point."""
 
 from __future__ import annotations
 
 import signal
+from collections.abc import Sequence
 from types import FrameType
-from typing import Any
+from typing import Any, Self
 
 BATCH_SIGNALS = (signal.SIGHUP, signal.SIGUSR1, signal.SIGUSR2, signal.SIGXCPU)
 
 
-class Interrupts:
-    """Signal handlers of a run, active within the context.
+def run_signals() -> list[int]:
+    """Return the signals that stop a run: Ctrl-C, SIGTERM, and the signals of terminals and batch systems.
 
-    number: first signal received, 0 if none; the run stops after its present step. A second signal raises
-    KeyboardInterrupt. Signals are Ctrl-C, SIGTERM, the end of the terminal, and those by which batch systems announce
-    the end of a job. Those ignored in the parent process, as under nohup, stay ignored.
+    SIGHUP is sent when the terminal closes; batch systems announce the end of a job by it or by other BATCH_SIGNALS.
+    Those that the parent process ignores, as under nohup, are left out and stay ignored.
+    """
+    heard = [number for number in BATCH_SIGNALS if signal.getsignal(number) != signal.SIG_IGN]
+    return [signal.SIGINT, signal.SIGTERM, *heard]
+
+
+class Interrupts:
+    """Handlers of `signals`, active within the context.
+
+    number: number of the first signal received, 0 if none; the caller has to stop at its next safe point. A second
+    signal raises KeyboardInterrupt at once.
     """
 
-    def __init__(self) -> None:
-        self.number = 0
-        self._before: dict[int, Any] = {}
+    def __init__(self, signals: Sequence[int]) -> None:
+        self.signals, self.number = signals, 0
+        self._former_handlers: dict[int, Any] = {}
 
-    def __enter__(self) -> None:
-        for number in (signal.SIGINT, signal.SIGTERM, *BATCH_SIGNALS):
-            if number not in BATCH_SIGNALS or signal.getsignal(number) != signal.SIG_IGN:
-                self._before[number] = signal.signal(number, self._handle)
+    def __enter__(self) -> Self:
+        for number in self.signals:
+            self._former_handlers[number] = signal.signal(number, self._on_signal)
+        return self
 
     def __exit__(self, *fault: object) -> None:
-        for number, handler in self._before.items():
+        for number, handler in self._former_handlers.items():
             signal.signal(number, handler)
 
-    def _handle(self, number: int, frame: FrameType | None) -> None:
+    def _on_signal(self, number: int, frame: FrameType | None) -> None:
         if self.number:
-            raise KeyboardInterrupt
+            raise KeyboardInterrupt("stopped by a second signal, possibly within a step")
         self.number = number

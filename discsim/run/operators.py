@@ -13,14 +13,14 @@ from discsim.numerics.state import State
 from discsim.numerics.thread_pool import run_concurrently
 from discsim.run import forces, guards
 from discsim.run.costs import Costs
-from discsim.run.forces import Limits, PhysicsError, Plan
+from discsim.run.forces import Limits, Plan, physics_errors
 
 
 class Operators:
-    """Stages of a step on a state, with the cost of each effect and checks of the results.
+    """Stages of a step on `state`, with the cost of each effect and checks of the results.
 
-    limits: time-step limits from the last call of `forces`. arrays_exposed: whether a caller may have changed arrays
-    since the last kick, so that the next kick must check them.
+    plan: operators by slot. limits: time-step limits from the last call of `forces`. reversals: check for unstable gas.
+    arrays_exposed: whether a caller may have changed arrays since the last kick, so that the next kick must check them.
     """
 
     def __init__(self, state: State, effects: dict[str, Effect]) -> None:
@@ -31,11 +31,13 @@ class Operators:
         self.arrays_exposed = True
 
     def kick(self, dt: float) -> None:
-        """Advance velocities and energies over dt by the operators of KICK."""
-        # Results of forces and kicks are checked where they are made. This check takes 2% of a step.
+        """Advance velocities and energies over dt: run the operators of KICK, and kick the bodies."""
+        # Results of forces and kicks are checked where they are made. The check of other changes takes 2% of a step; it
+        # is needed if particles interact, as a number that is not finite then spreads to other particles.
+        interacts = self.state.gas is not None or self.state.grid is not None
         if self.arrays_exposed:
             self.check_exposed_arrays()
-        elif self.plan[Slot.AROUND_DRIFT] and guards.particles_interact(self.state):
+        elif interacts and self.plan[Slot.AROUND_DRIFT]:
             self._check(guards.check_inputs)
         self._run(Slot.KICK, dt)
         if self.state.bodies is not None:
@@ -43,9 +45,10 @@ class Operators:
         self._check(guards.check_after_kick)
 
     def check_exposed_arrays(self) -> None:
-        """Check arrays that a caller may have changed, and drop cached results of their earlier values.
+        """Check arrays that a caller may have changed, and drop results that were cached for their earlier values.
 
-        Raises ValueError if an array is wrong.
+        Raises EntryError, a ValueError, for a wrong type, shape or range, and PhysicsError for a number that is not
+        finite.
         """
         self._check(guards.check_entries)
         world.processes.forget()
@@ -54,7 +57,7 @@ class Operators:
         self.arrays_exposed = False
 
     def close(self) -> None:
-        """Make the closing kick, after which velocities are at the time of the positions."""
+        """Make the closing kick, if it is due; velocities are then at the time of the positions."""
         if self.state.velocity_lag > 0.0:
             self.kick(self.state.velocity_lag)
             self.state.velocity_lag = 0.0
@@ -66,47 +69,47 @@ class Operators:
                 operator.run(self.state, dt)
 
     def move(self, dt: float) -> None:
-        try:
-            self._run_concurrently(Slot.DRIFT, dt)
-        except FloatingPointError as fault:
-            raise PhysicsError(str(fault)) from fault
+        """Change positions over dt by the operators of DRIFT and then of MOVE."""
+        self._run_concurrently(Slot.DRIFT, dt)
         world.processes.forget_positions()  # operators of MOVE use the new positions, and results of the last kick
         self._run(Slot.MOVE, dt)
         world.processes.forget()
 
     def events(self) -> None:
+        """Run the operators of SORT, in the steps in which arrays are reordered, and then those of EVENT."""
         if is_sort_step(self.state.step):
             self._run_concurrently(Slot.SORT)
         self._run(Slot.EVENT)
 
     def _run(self, slot: Slot, *given: float) -> None:
-        """Run the operators of a slot one after another with the arguments `given`; store the results of events."""
+        """Run the operators of a slot one after another with the state and `given`; store the results of events."""
         for name, operator in self.plan[slot]:
-            try:
-                with self.costs(name):
-                    result = operator.run(self.state, *given)
-            except FloatingPointError as fault:
-                raise PhysicsError(str(fault)) from fault
+            with physics_errors(), self.costs(name):
+                result = operator.run(self.state, *given)
             if slot is Slot.EVENT:
                 self.state.results[operator.name] = result
 
     def _run_concurrently(self, slot: Slot, *given: float) -> None:
-        """Run the operators of a slot at the same time on several threads; each uses only the species of its effect.
+        """Run the operators of a slot, each of which uses only the species of its effect, at the same time.
 
-        With several processes they run one after another, as all must make collective calls in the same order.
+        given: arguments after the state. With several processes they run one after another, as all processes must make
+        collective calls in the same order.
         """
 
         def do(name: str, run: Callable[..., Any]) -> None:
-            with self.costs(name, calls=int(slot is Slot.DRIFT)):
+            with physics_errors(), self.costs(name, calls=int(slot is Slot.DRIFT)):
                 run(self.state, *given)
 
-        each = [partial(do, name, operator.run) for name, operator in self.plan[slot]]
-        for together in [[one] for one in each] if world.processes.many else [each]:
-            run_concurrently(*together)
+        tasks = [partial(do, name, operator.run) for name, operator in self.plan[slot]]
+        for concurrent in [[task] for task in tasks] if world.processes.many else [tasks]:
+            run_concurrently(*concurrent)
 
     def forces(self) -> None:
-        """Compute the accelerations of all effects at the present positions, and their step limits."""
-        world.processes.settle(self.state)
+        """Compute the accelerations of all effects at the present positions, and their step limits; check them.
+
+        With several processes, particles are sent to their new owners first.
+        """
+        world.processes.migrate(self.state)
         forces.add_forces(self.state, self.plan, self.costs)
         limits, self.limits = forces.limits_of(self.state, self.plan, self.costs)
         self._check(guards.check_forces, limits)

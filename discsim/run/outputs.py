@@ -1,17 +1,24 @@
-"""Snapshot times of a run."""
+"""Snapshots of a run: their times, and their arrays that are not arrays of the state."""
 
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
 
+from discsim.effects.base import Column, Effect
+from discsim.numerics.state import Gas, State
+from discsim.physics.eos import pressure_and_sound_speed
 from discsim.scene.tables import Run
 
 
 def output_times(run: Run) -> list[float]:
     """Return the times of all snapshots after the initial one; the last is the end of the run.
 
-    Multiples of `run.every` are computed with exact fractions, so that runs of different lengths have bitwise equal
-    times.
+    They are multiples of `run.every`, or of the time of the end over `run.snapshots`. Multiples are computed with exact
+    fractions, so that runs of different lengths have bitwise equal times.
     """
     until = Fraction(repr(run.until))
     if run.every is None:
@@ -23,12 +30,36 @@ def output_times(run: Run) -> list[float]:
     return times if times and np.isclose(times[-1], run.until, rtol=1e-9, atol=0.0) else [*times, run.until]
 
 
-def due_times(run: Run, reached: float, put_out: float) -> list[float]:
+def due_times(run: Run, reached: float, last_output: float) -> list[float]:
     """Return the times of the snapshots that are still to be written.
 
-    reached: present time of the run. put_out: time of the last snapshot written. If a checkpoint was written at an
-    output time before the snapshot, that snapshot is due at once.
+    reached: present time of the run. last_output: time of the last snapshot written. If the run was stopped after the
+    checkpoint at an output time and before the snapshot, this snapshot is due at once.
     """
     near = 1e-9 * reached
-    later = [t for t in output_times(run) if t >= reached - near and t > put_out * (1.0 + 1e-9)]
+    later = [t for t in output_times(run) if t >= reached - near and t > last_output * (1.0 + 1e-9)]
     return [reached if abs(t - reached) <= near else t for t in later]
+
+
+def effect_columns(state: State, effects: Iterable[Effect]) -> dict[str, dict[str, np.ndarray | Column]]:
+    """Return the arrays that effects add to a snapshot, by species and name.
+
+    state: state with velocities at the time of the positions.
+    """
+    extra: dict[str, dict[str, np.ndarray | Column]] = {}
+    for effect in effects:
+        for species, arrays in effect.columns(state).items():
+            extra[species] = extra.get(species, {}) | dict(arrays)
+    return extra
+
+
+def with_present_pressure(state: State) -> Gas | None:
+    """Return the gas of `state` with pressure and sound speed from its present energy.
+
+    The pressure in the state follows from a predicted energy, which the forces use.
+    """
+    gas = state.gas
+    if gas is None or gas.u is None:
+        return gas
+    pressure, sound_speed = pressure_and_sound_speed(state.scene, state.from_centre(gas.pos), gas.density, gas.u)
+    return replace(gas, pressure=pressure, sound_speed=sound_speed)

@@ -8,6 +8,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
+from numba.core import event
+
 from discsim.numerics import world
 from discsim.output.files import refuse_special
 from discsim.printable import printable
@@ -22,10 +24,24 @@ LINE_EVERY = 10.0  # wall-clock seconds between plain lines
 FRAME_EVERY = 0.25  # wall-clock seconds between frames of the live display
 
 
-class Progress:
-    """Reporter of a run. Errors go to stderr and all other messages to stdout; both are also written to run.log.
+class CompilationListener(event.Listener):
+    """Listener of numba that counts and reports kernels when they compile; `count` excludes kernels from the cache."""
 
-    quiet: whether stdout gets no messages.
+    def __init__(self, progress: Progress) -> None:
+        self.progress, self.count = progress, 0
+
+    def on_start(self, event: event.Event) -> None:
+        self.count += 1
+        self.progress.compiling(self.count, event.data["dispatcher"].py_func.__name__)
+
+    def on_end(self, event: event.Event) -> None:
+        pass
+
+
+class Progress:
+    """Reporter of a run. Errors go to stderr, all other messages to stdout, and all messages also to run.log.
+
+    quiet: whether nothing is written to stdout.
     """
 
     def __init__(self, scene: Scene, quiet: bool) -> None:
@@ -33,12 +49,12 @@ class Progress:
         self.screen = Screen()
         self._log: TextIO | None = None
         self._lines_before_log: list[str] = []  # lines from before the log was open
-        self._next_line = self._next_frame = 0.0
+        self._next_line = self._next_frame = 0.0  # wall-clock times from which on the next line or frame is due
         # Wall-clock time, time and step after the first step. Kernels compile in that step, so the speed excludes it.
         self._speed_start: tuple[float, float, int] | None = None
 
     def open_log(self, path: Path, resume: bool) -> None:
-        """Open the log file, and write the lines that were reported before."""
+        """Open the log file, and write the lines that were reported before. resume: whether to append to the file."""
         refuse_special(path)
         self._log = path.open("a" if resume else "w", encoding="utf-8", errors="backslashreplace")
         early, self._lines_before_log = self._lines_before_log, []
@@ -62,7 +78,7 @@ class Progress:
                 self.note(text)
 
     def compiling(self, count: int, name: str) -> None:
-        """Report that a kernel compiles, if a frame or a line is due; `count`: kernels compiled so far in the run."""
+        """Report that the kernel `name` compiles, if a frame or a line is due; count: number of kernels so far."""
         now = time.monotonic()
         if count == 1:
             self.say("compiling kernels for the first time: up to a minute for a scene with drag")
@@ -93,14 +109,14 @@ class Progress:
 
         With a live display only lines with a remark appear on the screen; the log has all lines.
         """
-        facts = [*self._facts(state, dt, set_by).values(), end]
-        text = "  ".join(fact for fact in facts if fact)
+        text = "  ".join(fact for fact in (*self._facts(state, dt, set_by).values(), end) if fact)
         if end or not self.screen.has_frames:
             self.say(text)
         else:
             self.note(text)
 
     def close(self) -> None:
+        """Erase the live display, and close the log."""
         self.screen.clear()
         if self._log is not None:
             with suppress(OSError):  # a full disk was reported before
@@ -116,7 +132,7 @@ class Progress:
             self._log.flush()
 
     def _facts(self, state: State, dt: float, set_by: str) -> dict[str, str]:
-        """Return texts for a line or frame by name, such as "step" and "speed"; unknown ones are absent or empty."""
+        """Return texts for a line or a frame by name, such as "step" and "speed"; unknown ones are absent or empty."""
         show, until = self.scene.units.show_time, self.scene.run.until
         facts = {
             "step": f"step {state.step}",
@@ -135,13 +151,14 @@ class Progress:
         return facts
 
     def _frame(self, state: State, dt: float, set_by: str) -> None:
+        """Draw the frame of the live display about the present step."""
         from rich.progress_bar import ProgressBar  # slow to import
         from rich.table import Table
 
         facts = self._facts(state, dt, set_by)
-        pace = "  ".join(facts[name] for name in ("step", "speed", "left", "load") if name in facts)
+        speed = "  ".join(facts[name] for name in ("step", "speed", "left", "load") if name in facts)
         bar = ProgressBar(total=self.scene.run.until, completed=state.time, width=60)
         frame = Table.grid()
-        for row in (f"effects: {', '.join(self.scene.effects)}", facts["time"], bar, facts["dt"], pace):
+        for row in (f"effects: {', '.join(self.scene.effects)}", facts["time"], bar, facts["dt"], speed):
             frame.add_row(row)
         self.screen.frame(frame)

@@ -12,13 +12,13 @@ from discsim.output.checkpoint import Values
 from discsim.output.history import History, history_columns, history_row, rows_until
 from discsim.scene import Scene
 
-# For each table: name of its number of rows in a checkpoint, file and columns.
+# For each table: name of its number of rows in a checkpoint, file and, for companions.csv, columns.
 COMPANIONS = ("companion_rows", "companions.csv", companions.COLUMNS)
 HISTORY = "rows", "history.csv"
 
 
 class Records:
-    """Tables of a run. In a resumed run each file begins with the rows written before the checkpoint."""
+    """Tables of a run in `directory`. In a resumed run they begin with the rows written before the checkpoint."""
 
     def __init__(self, scene: Scene, directory: Path) -> None:
         self.directory = directory
@@ -28,10 +28,11 @@ class Records:
 
     @property
     def names(self) -> str:
+        """File names of the tables, as a text."""
         return ", ".join(file for _, file, _ in self.tables)
 
     def restore_rows(self, step: int, values: Values) -> list[str]:
-        """Read the rows of all tables up to `step`, and return warnings about lost rows.
+        """Read the rows of all tables up to `step` for `open`, and return warnings about lost rows.
 
         values: single values of the checkpoint, with the number and the digest of the rows of each table.
         """
@@ -44,6 +45,7 @@ class Records:
         return remarks
 
     def open(self) -> None:
+        """Create the files, with the rows that `restore_rows` has read."""
         for name, file, columns in self.tables:
             self._files[name] = History(self.directory / file, self._rows.get(name, []), columns)
 
@@ -54,6 +56,7 @@ class Records:
         return {**numbers, **{f"{name}_digest": file.digest for name, file in self._files.items()}}
 
     def add_history(self, state: State, effects: Mapping[str, Effect], dt: float, set_by: str) -> None:
+        """Add a row to history.csv; dt, set_by: length of the last step, and what set it."""
         history = self._files[HISTORY[0]]
         history.add(history_row(state, effects, dt, set_by, history.last))
 
@@ -63,6 +66,7 @@ class Records:
             self._files[COMPANIONS[0]].add(*companions.companion_rows(state, dt))
 
     def sync(self) -> None:
+        """Write all rows to the disk."""
         for file in self._files.values():
             file.sync()
 

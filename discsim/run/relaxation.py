@@ -1,4 +1,4 @@
-"""Relaxation of the gas before t = 0: every ring of particles moves to the radius at which its forces balance.
+"""Relaxation of the gas before t = 0: each ring of particles moves to the radius at which its forces balance.
 
     dv_r/dt = <a_r> - g(r) + l^2 / r^3 - 2 Omega v_r,    dr/dt = v_r,    d(phi)/dt = l / r^2                     (1)
 
@@ -33,15 +33,16 @@ from discsim.physics.eos import initial_energy
 from discsim.run.forces import PhysicsError
 
 Array = np.ndarray
-DAMPING = 2.0  # damping rate in Omega: critical for epicycles, which neither swing nor creep
+DAMPING = 2.0  # damping rate in units of Omega; this is critical damping of epicycles
 SAME_RADIUS = 1e-9  # largest relative difference of radii within a ring
 
 
 class RelaxationReport(NamedTuple):
-    """Report of a relaxation.
+    """Report of a relaxation, as text by `str`.
 
-    orbits: length, at the reference radius. steps, seconds: number of steps and CPU time. before, after: rms over
-    particles of the residual radial acceleration in units of c_s Omega, before and after the relaxation.
+    orbits: length of the relaxation, in orbits at the reference radius. steps, seconds: number of steps and CPU time.
+    before, after: rms over particles of the residual radial acceleration, in units of c_s Omega, before and after the
+    relaxation.
     """
 
     orbits: float
@@ -59,7 +60,7 @@ class RelaxationReport(NamedTuple):
 def relax(state: State, effects: dict[str, Effect]) -> RelaxationReport | None:
     """Relax the gas of an initial state, eq. (1), and return a report; None if the scene has no `initial.relax`.
 
-    Dust, bodies and the time do not change.
+    pos, vel, h and u of `state.gas` change in place. Dust, bodies and the time do not change.
     """
     scene, gas = state.scene, state.gas
     orbits = getattr(scene.initial, "relax", 0.0)
@@ -67,55 +68,56 @@ def relax(state: State, effects: dict[str, Effect]) -> RelaxationReport | None:
         return None
     begun = time.process_time()
     disc = _Rings(state, effects)
-    before = disc.unbalanced()
+    before = disc.residual_acceleration()
     until = 2.0 * math.pi * orbits / float(kepler_omega(scene, scene.initial.reference_radius))
-    steps, passed = 0, 0.0
-    while passed < until:
-        dt = min(scene.run.courant * disc.limit(), until - passed)
-        if passed + dt == passed:
+    steps, elapsed = 0, 0.0
+    while elapsed < until:
+        dt = min(scene.run.courant * disc.longest_step(), until - elapsed)
+        if elapsed + dt == elapsed:
             raise PhysicsError(f"in the relaxation before t = 0 the time step collapsed to {dt:g}")
         disc.step(dt)
-        steps, passed = steps + 1, passed + dt
-    gas.pos[:], gas.vel[:], gas.h[:] = disc.alone.gas.pos, disc.velocities(), disc.alone.gas.h
+        steps, elapsed = steps + 1, elapsed + dt
+    gas.pos[:], gas.vel[:], gas.h[:] = disc.gas_only.gas.pos, disc.velocities(), disc.gas_only.gas.h
     if gas.u is not None:
-        gas.u[:] = disc.alone.gas.u
-    return RelaxationReport(orbits, steps, time.process_time() - begun, before, disc.unbalanced())
+        gas.u[:] = disc.gas_only.gas.u
+    return RelaxationReport(orbits, steps, time.process_time() - begun, before, disc.residual_acceleration())
 
 
 class _Rings:
-    """Rings of the gas in an initial state.
+    """Rings of the gas in an initial state; the rings are sets of n particles at equal radii.
 
-    alone: state with the gas particles only. ring (n,): ring of each particle. held (rings,): number of particles.
-    radius, radial, acc (rings,): radius, radial velocity and radial acceleration. turned (rings,): angle by which a
-    ring has rotated since the start. spin (rings,): specific angular momentum l of eq. (1).
+    gas_only: state with only the gas particles, which move with the rings. ring (n,): ring of each particle. count
+    (rings,): number of particles. radius, radial, acc (rings,): radius, radial velocity and radial acceleration. angle
+    (n,): azimuth of each particle at the start. rotated (rings,): angle by which a ring has rotated since. spin
+    (rings,): specific angular momentum l of eq. (1).
     """
 
     def __init__(self, state: State, effects: dict[str, Effect]) -> None:
         gas = state.gas
         self.scene = balance.gas_only_scene(state.scene)
         arrays = {"pos": gas.pos, "vel": gas.vel, "mass": gas.mass, "u": gas.u, "small": gas.small}
-        self.alone = make_state(self.scene, {"gas": {key: a for key, a in arrays.items() if a is not None}})
-        self.alone.gas.h[:] = gas.h
-        self.sph = type(effects["gas"])(self.scene, self.alone)
+        self.gas_only = make_state(self.scene, {"gas": {key: a for key, a in arrays.items() if a is not None}})
+        self.gas_only.gas.h[:] = gas.h
+        self.sph = type(effects["gas"])(self.scene, self.gas_only)
         self.balance = balance.Equilibrium(state, effects)
-        place = np.sqrt((gas.pos**2).sum(axis=1))
+        radius = np.sqrt((gas.pos**2).sum(axis=1))
         self.angle = np.arctan2(gas.pos[:, 1], gas.pos[:, 0])
-        self.ring = np.concatenate([[0], np.cumsum(np.abs(np.diff(place)) > SAME_RADIUS * place[1:])])
-        self.held = np.bincount(self.ring)
-        self.radius = self.mean(place)
-        self.radial, self.turned = np.zeros_like(self.radius), np.zeros_like(self.radius)
+        self.ring = np.concatenate([[0], np.cumsum(np.abs(np.diff(radius)) > SAME_RADIUS * radius[1:])])
+        self.count = np.bincount(self.ring)
+        self.radius = self.mean(radius)
+        self.radial, self.rotated = np.zeros_like(self.radius), np.zeros_like(self.radius)
         at = np.stack([self.radius, np.zeros_like(self.radius)], axis=1)
         self.spin = self.radius * self.balance.without_drag(at)[1]
         self.forces()
 
     def mean(self, values: Array) -> Array:
         """Return the mean of `values` (n,) over the particles of each ring (rings,)."""
-        return np.asarray(np.bincount(self.ring, values) / self.held)
+        return np.asarray(np.bincount(self.ring, values) / self.count)
 
     def forces(self) -> None:
-        """Set `acc`, the radial acceleration of eq. (1) except its damping."""
-        alone, gas = self.alone, self.alone.gas
-        angle = self.angle + self.turned[self.ring]
+        """Move the particles with their rings, and set `acc`, the radial acceleration of eq. (1) without damping."""
+        gas = self.gas_only.gas
+        angle = self.angle + self.rotated[self.ring]
         outwards = np.stack([np.cos(angle), np.sin(angle)], axis=1)
         gas.pos[:] = self.radius[self.ring][:, None] * outwards
         if gas.u is not None:
@@ -124,15 +126,17 @@ class _Rings:
         gas.vel[:] = self.radial[self.ring][:, None] * outwards
         gas.vel += (self.spin / self.radius)[self.ring][:, None] * across
         gas.acc[:] = 0.0
-        self.found = accelerate(self.sph, alone)
+        self.results = accelerate(self.sph, self.gas_only)
         pull = self.mean((gas.acc * outwards).sum(axis=1))
         self.acc = pull - self.balance.gravity(self.radius) + self.spin**2 / self.radius**3
 
-    def limit(self) -> float:
-        return min(longest_step(self.sph, self.alone, self.found), 1.0 / float(self.omega.max()))
+    def longest_step(self) -> float:
+        """Return the longest time step before the Courant factor."""
+        return min(longest_step(self.sph, self.gas_only, self.results), 1.0 / float(self.omega.max()))
 
     @property
     def omega(self) -> Array:
+        """Keplerian orbital frequencies (rings,)."""
         return kepler_omega(self.scene, self.radius)
 
     def step(self, dt: float) -> None:
@@ -140,16 +144,19 @@ class _Rings:
         self.radial += 0.5 * dt * self.acc
         self.radius += dt * self.radial
         if self.radius.min() <= 0.0:
-            raise PhysicsError("in the relaxation before t = 0 a ring of gas falls into the centre")
-        self.turned += dt * self.spin / self.radius**2
+            raise PhysicsError(
+                "in the relaxation before t = 0 a ring of gas falls into the centre; expected smoother edges of the "
+                "gas, or no initial.relax"
+            )
+        self.rotated += dt * self.spin / self.radius**2
         self.forces()
         self.radial += 0.5 * dt * self.acc
         self.radial *= np.exp(-DAMPING * self.omega * dt)  # eq. (1)
 
-    def unbalanced(self) -> float:
+    def residual_acceleration(self) -> float:
         """Return the rms over particles of the residual radial acceleration, in units of c_s Omega."""
-        unit = self.mean(self.alone.gas.sound_speed) * self.omega
-        return float(np.sqrt(np.average((self.acc / unit) ** 2, weights=self.held)))
+        unit = self.mean(self.gas_only.gas.sound_speed) * self.omega
+        return float(np.sqrt(np.average((self.acc / unit) ** 2, weights=self.count)))
 
     def velocities(self) -> Array:
         """Return velocities (n, 2) of the particles: the rotation of their rings, and the flow by viscosity and drag.
@@ -161,6 +168,6 @@ class _Rings:
         at = np.stack([inside, np.zeros_like(inside)], axis=1)
         radial, azimuthal = self.balance.velocities("gas", at, None)
         azimuthal = self.spin / self.radius + azimuthal - self.balance.without_drag(at)[1]
-        out = self.alone.gas.pos / self.radius[self.ring][:, None]
+        out = self.gas_only.gas.pos / self.radius[self.ring][:, None]
         across = np.stack([-out[:, 1], out[:, 0]], axis=1)
         return radial[self.ring][:, None] * out + azimuthal[self.ring][:, None] * across

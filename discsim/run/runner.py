@@ -1,15 +1,16 @@
-"""Run of a validated scene, with the files of its directory: outputs, checkpoints, interrupts, messages."""
+"""Run of a validated scene in a directory: outputs, checkpoints, interrupts and messages."""
 
 from __future__ import annotations
 
 import signal
 import time
+import traceback
 import warnings as python_warnings
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any
 
-from numba.core import event
+from numba.core import caching, event
 
 from discsim.effects.base import kick_effect_name
 from discsim.initial import start_time
@@ -25,21 +26,19 @@ from discsim.preview.forecast import store_slowness
 from discsim.preview.warnings import warnings
 from discsim.printable import UserError
 from discsim.run.checkpoints import Checkpoints, later_snapshots
-from discsim.run.compilation import Compilation, raised_in_numba_cache
 from discsim.run.directory import (
     copy_input_files,
     ended_before_checkpoint,
-    held,
+    locked_directory,
     read_scene_file,
     refuse_directory,
     remove_copies,
-    sweep,
+    remove_partial_files,
 )
-from discsim.run.interrupts import Interrupts
-from discsim.run.outputs import due_times
-from discsim.run.progress import Progress
+from discsim.run.interrupts import Interrupts, run_signals
+from discsim.run.outputs import due_times, effect_columns, with_present_pressure
+from discsim.run.progress import CompilationListener, Progress
 from discsim.run.records import Records
-from discsim.run.shown import columns, with_present_pressure
 from discsim.run.simulation import PhysicsError, Simulation
 from discsim.scene import Scene
 from discsim.scene.differences import refuse_changed_scene
@@ -48,17 +47,18 @@ from discsim.scene.units import clock
 from discsim.userfiles import TOO_MANY_OPEN, system_message
 from discsim.version import __version__
 
-DONE, NOT_WRITTEN, WRONG_INPUT, PHYSICS = 0, 1, 2, 3  # exit statuses; interrupted: 128 + the signal
-FEW_PARTICLES = 20_000  # particles below which history.csv has a row for every step
-MIN_STEPS_FOR_FORECAST = 100  # steps from which on the cost of a run is recorded for forecasts
-STEPS_PER_ROW = 16  # steps between rows of a larger run
+DONE, NOT_WRITTEN, WRONG_INPUT, PHYSICS = 0, 1, 2, 3  # exit statuses; 128 + the number of the signal if interrupted
+FEW_PARTICLES = 20_000  # number of particles below which history.csv has a row for every step
+STEPS_PER_ROW = 16  # number of steps between rows of history.csv in larger runs
+MIN_STEPS_FOR_FORECAST = 100  # smallest number of steps after which the cost of a run is stored for forecasts
 
 
 def run_scene(scene: Scene, directory: Path, resume: bool = False, quiet: bool = False) -> int:
-    """Run `scene` with its files in `directory`, or resume the run there, and return the exit status.
+    """Run `scene` with its files in `directory`, or resume the run in this directory, and return the exit status.
 
-    0: done, or stopped by run.walltime. 1: a file cannot be written. 2: the run cannot start, or be resumed. 3:
-    stopped by the physics. 128 + signal: interrupted. An error is one message on stderr.
+    0: done, or stopped by run.walltime. 1: a file cannot be written. 2: the run cannot start, or cannot be resumed. 3:
+    stopped by a numerical failure or lack of memory. 128 + signal: interrupted. For an error there is one message on
+    stderr.
     """
     return execute_and_report(Run(scene, Path(directory), quiet), resume)
 
@@ -97,31 +97,42 @@ def execute_and_report(run: Run, resume: bool) -> int:
             run.close()
 
 
+def raised_in_numba_cache(fault: BaseException) -> bool:
+    """Return whether an exception was raised while numba wrote its cache."""
+    frames = traceback.walk_tb(fault.__traceback__)
+    return any(frame.f_globals.get("__name__") == caching.__name__ for frame, _ in frames)
+
+
 class Run:
-    """Simulation of a scene together with the files of its run directory."""
+    """Simulation of a scene, and the files of its directory.
+
+    snapshots: number of snapshots written. steps: number of steps that this process has made. last_output: time of the
+    last snapshot. dt, set_by: length of the last step, and what set it. time: time after the last step. next_set_by:
+    what sets the next step. copied: copies of input files, made before the run begins.
+    """
 
     sim: Simulation
     records: Records
 
     def __init__(self, scene: Scene, directory: Path, quiet: bool) -> None:
         self.scene, self.directory = scene, directory
-        self.progress, self.interrupts = Progress(scene, quiet), Interrupts()
-        self.compilation = Compilation(self.progress)
+        self.progress, self.interrupts = Progress(scene, quiet), Interrupts(run_signals())
+        self.compilation = CompilationListener(self.progress)
         self.checkpoints, self.figure = Checkpoints(directory), directory / "last_state.png"
         self.started_at = self.saved_at = time.monotonic()
         self.saved_time: float | None = None
-        self.snapshots = self.steps = 0  # snapshots written; steps made by this process
-        self.put_out = start_time(scene)  # time of the last snapshot
-        self.dt, self.set_by = 0.0, ""  # of the last step
-        self.held = ExitStack()
-        self.copied: list[Path] = []  # copies of the scene's files, made before the run begins
+        self.snapshots = self.steps = 0
+        self.last_output = start_time(scene)
+        self.dt, self.set_by = 0.0, ""
+        self.lock = ExitStack()
+        self.copied: list[Path] = []
         count = (scene.gas.particles if scene.gas else 0) + sum(p.particles for p in scene.dust or ())
         self.steps_per_row = 1 if count < FEW_PARTICLES else STEPS_PER_ROW
 
     def execute(self, resume: bool) -> int:
         """Start or resume the run, step to its end, and return the exit status."""
         locked, resume, reached = self._enter_directory(resume)
-        times = due_times(self.scene.run, reached, self.put_out)
+        times = due_times(self.scene.run, reached, self.last_output)
         if not times:
             return self._finish_ended_run(reached)
         self._announce(locked)
@@ -139,11 +150,12 @@ class Run:
         for t in times:
             if self._must_stop():
                 break
-            self.sim.evolve(t, self._after_step, only_looks=True)
+            self.sim.evolve(t, self._after_step, read_only=True)
             if self.sim.time >= t:
                 self._write_output()
-        self._save_checkpoint()  # the closing kick is still open: a longer run continues as if it had not stopped here
-        return self._finish() if self.put_out >= times[-1] else self._report_stop()
+        # The checkpoint is without the closing kick, so that a longer run continues as if it had not stopped here.
+        self._save_checkpoint()
+        return self._finish() if self.last_output >= times[-1] else self._report_stop()
 
     def time_and_step(self) -> str:
         """Return the present time and step as text for messages."""
@@ -152,7 +164,7 @@ class Run:
         return f"at t = {self._time_text(self.sim.time)}, step {self.sim.state.step}"
 
     def resume_advice(self) -> str:
-        """Return the sentence on how to resume from the last checkpoint, for messages."""
+        """Return a text for messages on how to resume the run from its last checkpoint."""
         if self.saved_time is None:
             return "There is no checkpoint yet."
         command = f"discsim run {self.directory / 'scene.toml'} -o {self.directory} --resume"
@@ -160,12 +172,13 @@ class Run:
         return f"{saved}; resume with: {command}"
 
     def close(self) -> None:
+        """Close the files, remove copies of input files if the run did not begin, and release the lock."""
         self.progress.close()
         if hasattr(self, "records"):
             with suppress(OSError):  # a full disk was reported before
                 self.records.close()
         remove_copies(self.copied)
-        self.held.close()
+        self.lock.close()
 
     def _time_text(self, t: float) -> str:
         return self.scene.units.show_time(t)
@@ -175,23 +188,24 @@ class Run:
     def _enter_directory(self, resume: bool) -> tuple[bool, bool, float]:
         """Lock the directory, and read the checkpoint if the run is to be resumed.
 
-        Return whether the directory is locked, whether there is a checkpoint to resume from, and the start time: that
-        of the checkpoint or of the scene.
+        Return whether the directory is locked, whether there is a checkpoint to resume from, and the time at which the
+        steps begin, which is the time of the checkpoint or the start of the scene.
         """
-        locked = self.held.enter_context(held(self.directory))
+        locked = self.lock.enter_context(locked_directory(self.directory))
         refuse_directory(self.directory, resume)
         resume = resume and self._has_checkpoint()
-        return locked, resume, self._time_to_resume() if resume else self.put_out
+        return locked, resume, self._time_to_resume() if resume else self.last_output
 
     def _finish_ended_run(self, reached: float) -> int:
-        """Tidy the directory of a run that had already ended, draw a missing figure, and return the exit status."""
-        sweep(self.directory)
+        """Clean the directory of a run that has already ended, draw a missing figure, and return the exit status."""
+        remove_partial_files(self.directory)
         if not self.figure.exists() and self._snapshot_path(self.snapshots - 1).exists():
             self._draw_figure()  # the run was killed before it drew the figure
         self.progress.say(f"{self.directory}: already finished, at t = {self._time_text(reached)}")
         return DONE
 
     def _copy_files(self) -> None:
+        """Copy the input files of the scene into the directory, and set `scene` to a scene that names the copies."""
         self.scene = copy_input_files(self.scene, self.directory, self.copied)
 
     def _has_checkpoint(self) -> bool:
@@ -207,18 +221,17 @@ class Run:
         return False
 
     def _time_to_resume(self) -> float:
-        """Return the time of the newest readable checkpoint.
+        """Return the time of the newest readable checkpoint, and set `snapshots` and `last_output` from it.
 
-        Also set `snapshots` and `put_out`: the number of snapshots before the checkpoint, and the time of the last one.
         Raises SceneError if the checkpoint is of another scene.
         """
         groups, values = self.checkpoints.newest()
         refuse_changed_scene(self.checkpoints.chosen, groups["scene"]["text"].tobytes(), self.scene)
         reached = values.number("time")
-        self.snapshots, self.put_out = values.whole("snapshots", 1, MAX_SNAPSHOTS), values.number("put_out")
-        if self.put_out > reached:
+        self.snapshots, self.last_output = values.whole("snapshots", 1, MAX_SNAPSHOTS), values.number("put_out")
+        if self.last_output > reached:
             values.refuse("put_out", f"at most the checkpoint's time, {reached:g}")
-        self.checkpoints.refuse_lost_snapshots(self.directory / "snapshots", self.snapshots, self.put_out)
+        self.checkpoints.refuse_lost_snapshots(self.directory / "snapshots", self.snapshots, self.last_output)
         if self.checkpoints.fault:
             goes_on = f"the run resumes from {self.checkpoints.chosen}, at t = {self._time_text(reached)}"
             self.progress.say(f"warning: {self.checkpoints.fault}; {goes_on}")
@@ -227,9 +240,11 @@ class Run:
         return reached
 
     def _make_simulation(self, to_restore: bool) -> Simulation:
+        """Return the simulation of the scene; to_restore: as in `Simulation`."""
         return Simulation(self.scene, to_restore=to_restore)
 
     def _announce(self, locked: bool) -> None:
+        """Report the scene, the command, derived numbers and warnings. locked: whether the directory is locked."""
         say = self.progress.say
         say(f"discsim {__version__}: {self.scene.title or 'untitled scene'}, into {self.directory}")
         say(f"command: {command_line()}")
@@ -243,7 +258,7 @@ class Run:
         say("loading kernels")
 
     def _begin_or_resume(self, resume: bool) -> None:
-        """Open the files of the directory, restore the state if the run is resumed, and compute the first forces."""
+        """Restore the state if the run is resumed, open the files of the directory, and compute the first forces."""
         sim = self.sim
         self.records = self._make_records()
         remarks = self._restore_checkpoint() if resume else []
@@ -263,8 +278,8 @@ class Run:
     def _open_files(self, resume: bool) -> None:
         """Remove files that the run will write again, such as later snapshots, and open the log and the tables."""
         folder = self.directory / "snapshots"
-        sweep(self.directory)
-        self.checkpoints.settle()
+        remove_partial_files(self.directory)
+        self.checkpoints.keep_chosen()
         with replace_atomically(self.directory / "scene.toml") as temporary:
             temporary.write_text(self.scene.text, encoding="utf-8")
         self.copied.clear()  # the scene file in the directory refers to the copies now
@@ -277,9 +292,9 @@ class Run:
         self.records.open()
 
     def _restore_checkpoint(self) -> list[str]:
-        """Restore the state from the checkpoint, and read the table rows written before the checkpoint.
+        """Restore the state from the checkpoint, and the rows of the tables that were written before the checkpoint.
 
-        Return warnings about lost rows. Writes no file.
+        Return warnings about lost rows. No file is written.
         """
         with python_warnings.catch_warnings():
             python_warnings.simplefilter("ignore", OtherVersionWarning)  # reported before
@@ -289,9 +304,11 @@ class Run:
         return self._restore_rows(values)
 
     def _restore_rows(self, values: Values) -> list[str]:
+        """Read the rows of the tables up to the present step, and return warnings about lost rows."""
         return self.records.restore_rows(self.sim.state.step, values)
 
     def _restore(self, path: Path) -> Values:
+        """Restore the simulation from the checkpoint at `path`, and return its single values."""
         return self.sim.restore(path)
 
     # Stepping
@@ -312,20 +329,20 @@ class Run:
         return self._must_stop()
 
     def _name_of_limiter(self) -> str:
-        """Return the name of the effect or key that limits the next step, apart from landing on an output time."""
+        """Return the name of the effect or key that sets the next step, if no output time shortens the step."""
         return self.sim.limited_by if self.scene.run.timestep is None else "run.timestep"
 
     def _checkpoint_is_due(self) -> bool:
         return time.monotonic() - self.saved_at >= self.scene.run.checkpoint_every
 
     def _must_stop(self) -> bool:
-        """Return whether the run must stop because of a signal or of run.walltime."""
+        """Return whether the run must stop because of a signal or because of run.walltime."""
         walltime = self.scene.run.walltime
         late = walltime is not None and time.monotonic() - self.started_at >= walltime
         return late or self.interrupts.number > 0
 
     def _exclude_compilation_cost(self) -> None:
-        """Subtract the cost of the first step, in which kernels compile, after the second step."""
+        """Count the step, and after the second step subtract the cost of the first, in which kernels compile."""
         self.steps += 1
         if self.steps == 1:
             self.costs_after_first, self.cpu_after_first = self.sim.costs.copy(), time.process_time()
@@ -339,7 +356,7 @@ class Run:
         sim = self.sim
         open_step = open_step_of(sim.state, kick_effect_name(sim.effects) is not None)
         with sim.closed() as state:
-            extra = columns(state, sim.effects.values())
+            extra = effect_columns(state, sim.effects.values())
             gas = with_present_pressure(state)
             path = self._snapshot_path(self.snapshots)
             write_snapshot(path, self.scene, state.time, gas, state.dust, extra, state.bodies, open_step)
@@ -347,7 +364,7 @@ class Run:
             if state.step == 0:
                 self.records.add_companions(state, 0.0)
         sim.costs.write(self.directory / "costs.csv")
-        self.put_out = sim.time
+        self.last_output = sim.time
         self.progress.line(sim.state, self.dt, self.set_by, f"snapshot {self.snapshots:04d}")
         self.snapshots += 1
 
@@ -355,20 +372,22 @@ class Run:
         return self.directory / "snapshots" / f"{number:04d}.h5"
 
     def _add_row(self) -> None:
+        """Add the row of history.csv for the present state, which must include the closing kick."""
         self.records.add_history(self.sim.state, self.sim.effects, self.dt, self.set_by)
 
     def _save_checkpoint(self) -> None:
+        """Write a checkpoint, remove parts of earlier ones, and set the time of the last checkpoint."""
         self._write_checkpoint(hdf5.create)
         remove_unused_parts(self.directory)
         self.saved_at, self.saved_time = time.monotonic(), self.sim.time
 
     def _write_checkpoint(self, into: Any) -> None:
-        """Write a checkpoint of the present state, and keep the previous checkpoint.
+        """Write a checkpoint of the present state, and keep the previous checkpoint under its other name.
 
-        into: creates the file, as `hdf5.create`.
+        into: function that creates the file, as `hdf5.create`.
         """
         self.records.sync()
-        notes: dict[str, Scalar] = {"snapshots": self.snapshots, "put_out": self.put_out, **self.records.counts}
+        notes: dict[str, Scalar] = {"snapshots": self.snapshots, "put_out": self.last_output, **self.records.counts}
         sim, costs = self.sim, self.sim.costs
         if self.steps < 2:  # without the first step, in which kernels compiled
             sim.costs = self.costs_before
@@ -382,6 +401,7 @@ class Run:
     # Ending
 
     def _report_stop(self) -> int:
+        """Report that a signal or run.walltime has stopped the run, and return the exit status."""
         number = self.interrupts.number
         if number:
             name = signal.Signals(number).name
@@ -391,6 +411,7 @@ class Run:
         return DONE
 
     def _finish(self) -> int:
+        """Draw the figure of the final state, report the end of the run, and return the exit status."""
         cost = self._cost_text()
         self._draw_figure()
         say = self.progress.say
@@ -411,16 +432,16 @@ class Run:
             last_state_figure(self._snapshot_path(self.snapshots - 1), temporary)
 
     def _cost_text(self) -> str:
-        """Return the text of the shares of CPU time: of each effect, and of all work outside the effects.
+        """Return a text with the fraction of the CPU time of each effect, and of all work outside the effects.
 
-        The first step is excluded, as kernels compile in it. After fewer than two steps, shares are of the CPU time of
-        the effects alone.
+        The first step is excluded, as kernels compile in it. For fewer than two steps, the fractions are of the CPU
+        time of all effects.
         """
-        costs, words = self.sim.costs, "of all CPU time"
+        costs, whole = self.sim.costs, "of all CPU time"
         if self.steps < 2:  # kernels compile in the first step, and a run that was at its end makes no step
-            shares, words = costs.shares, "of the effects' CPU time"
+            shares, whole = costs.shares, "of the effects' CPU time"
         else:
             before, cpu = self.costs_before.seconds, time.process_time() - self.cpu_after_first
             shares = {name: (spent - before.get(name, 0.0)) / cpu for name, spent in costs.seconds.items()}
             shares["outside the effects"] = 1.0 - sum(shares.values())
-        return f"{', '.join(f'{name} {share:.0%}' for name, share in shares.items())} {words}"
+        return f"{', '.join(f'{name} {share:.0%}' for name, share in shares.items())} {whole}"

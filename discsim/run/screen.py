@@ -12,17 +12,21 @@ from typing import TYPE_CHECKING, Any, TextIO
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-ERASE, TO_THE_START, UP = "\x1b[J", "\r", "\x1b[{}A"
-NO_WRAP, WRAP = "\x1b[?7l", "\x1b[?7h"  # a screen that has just become narrower cuts the frame's lines
-HIDE, SHOW = "\x1b[?25l", "\x1b[?25h"  # the cursor
+# Control codes of terminals. Without wrapping, a screen that has just become narrower cuts the frame's lines.
+ERASE_TO_END, LINE_START, UP = "\x1b[J", "\r", "\x1b[{}A"
+NO_WRAP, WRAP = "\x1b[?7l", "\x1b[?7h"
+HIDE_CURSOR, SHOW_CURSOR = "\x1b[?25l", "\x1b[?25h"
 
 
 class Screen:
-    """Standard output of a run. If writing fails, as after the terminal is closed, the run continues without it."""
+    """Standard output of a run. If writing fails, as after the terminal is closed, the run continues without output.
+
+    has_frames: whether standard output is a terminal that can redraw frames.
+    """
 
     def __init__(self) -> None:
         self.out: TextIO | None = sys.stdout
-        self.console: Any = None  # of a terminal
+        self.console: Any = None  # console of rich, on a terminal
         self.has_frames = False
         if self.out is not None and self.out.isatty():
             from rich.console import Console  # slow to import
@@ -42,17 +46,18 @@ class Screen:
         with self.console.capture() as drawn:
             self.console.print(content, width=max(width - 1, 1), height=None, overflow="crop", no_wrap=True)
         lines = drawn.get().splitlines()[: max(height - 1, 1)]
-        back = TO_THE_START + (UP.format(len(lines) - 1) if len(lines) > 1 else "")
-        self._write(TO_THE_START + ERASE + HIDE + NO_WRAP + "\n".join(lines) + WRAP + back)
+        to_frame_start = LINE_START + (UP.format(len(lines) - 1) if len(lines) > 1 else "")
+        self._write(LINE_START + ERASE_TO_END + HIDE_CURSOR + NO_WRAP + "\n".join(lines) + WRAP + to_frame_start)
         self._shown = True
 
     def clear(self) -> None:
         """Erase the frame."""
         if self._shown:
             self._shown = False
-            self._write(TO_THE_START + ERASE + SHOW)
+            self._write(LINE_START + ERASE_TO_END + SHOW_CURSOR)
 
     def _write(self, text: str) -> None:
+        """Write `text`, with "?" for characters that the encoding of the output lacks."""
         if self.out is None:
             return
         encoding = self.out.encoding or "utf-8"

@@ -1,6 +1,6 @@
 """Simulation of a scene, for users of discsim from Python and for `run/runner.py`.
 
-`run/integrators.py` composes a step of the operators in `run/operators.py`. While a caller reads the state
+`run/integrators.py` composes a step of the stages in `run/operators.py`. While a caller reads the state
 (`synchronised`), velocities have the closing kick; afterwards the kick is undone exactly, so that reading does not
 change the run.
 """
@@ -16,7 +16,6 @@ from contextlib import contextmanager
 from dataclasses import asdict, replace
 from itertools import chain
 from pathlib import Path
-from types import FrameType
 from typing import Any, NoReturn
 
 import numpy as np
@@ -39,11 +38,12 @@ from discsim.output.checkpoint import (
 from discsim.parts import INTEGRATORS, import_object
 from discsim.preview.forecast import memory_warnings
 from discsim.run import guards
+from discsim.run.checkpoint_contents import LIMIT_NAMES, UNSTABLE_LIMIT, checked_contents
 from discsim.run.costs import Costs
 from discsim.run.forces import PhysicsError, acceleration_of
+from discsim.run.interrupts import Interrupts
 from discsim.run.operators import Operators
-from discsim.run.restored import GROWING_LIMIT, LIMIT_NAMES, restored
-from discsim.run.start import Begun, begin
+from discsim.run.start import InitialState, begin
 from discsim.run.timestep import next_step
 from discsim.run.watch import Watch
 from discsim.scene import Scene, SceneError, load_scene
@@ -52,6 +52,8 @@ from discsim.scene.summary import Rows, Summarised
 from discsim.scene.units import Units
 
 __all__ = ["PhysicsError", "Simulation"]
+
+KICKED_ARRAYS = ("vel", "u", "kick_acc", "kick_rate", "radiated")  # arrays that a kick changes
 
 
 class Simulation(Summarised):
@@ -67,8 +69,8 @@ class Simulation(Summarised):
         Values are Quantities or in code units, and are copied.
     to_restore : bool, optional
         Whether `restore` will replace the state, so that the gas need not be relaxed before t = 0.
-    begun : Begun, optional
-        Initial state and effects of the scene, if they are already made.
+    begun : InitialState, optional
+        Initial state and effects of the scene. The default is to make them.
 
     Raises
     ------
@@ -87,7 +89,7 @@ class Simulation(Summarised):
         particles: dict[str, dict[str, Any]] | None = None,
         *,
         to_restore: bool = False,
-        begun: Begun | None = None,
+        begun: InitialState | None = None,
     ):
         if not isinstance(scene, Scene):
             scene = load_scene(scene, own_particles=particles is not None)
@@ -102,7 +104,8 @@ class Simulation(Summarised):
         self.operators = Operators(self.state, effects)
         self._integrate = import_object(INTEGRATORS[scene.run.integrator])
         self._has_forces = self._step_is_half_made = False
-        self._open: State | None = None  # the state before its closing kick, while a callback reads it
+        # State of the run before its closing kick, while a caller reads the state after this kick; otherwise None.
+        self._unclosed: State | None = None
 
     def __reduce_ex__(self, protocol: Any) -> NoReturn:
         raise TypeError(
@@ -187,10 +190,10 @@ class Simulation(Summarised):
         if not most > 0.0:
             raise ValueError(f"most = {most} is not a time step; expected a positive time in code units")
         self._prepare()
-        dt = min(self._next_step(math.inf), most)
+        dt = min(next_step(self.state, self.operators.limits, math.inf), most)
         if dt == math.inf:
             raise ValueError("no effect limits the step after run.until; expected step(most=...), in code units")
-        self._check_dust_step(dt)
+        guards.check_dust_step(self.state, self.effects, self.operators.limits, dt)
         with self._uninterrupted():
             self._advance(dt)
             self.operators.close()
@@ -239,7 +242,7 @@ class Simulation(Summarised):
         with watch:
             for time in watch.times:
                 try:
-                    if not self.evolve(time, watch.after_step, only_looks=True):  # callbacks get read-only views
+                    if not self.evolve(time, watch.after_step, read_only=True):  # callbacks get read-only views
                         break
                 except KeyboardInterrupt:
                     if not self._step_is_half_made:
@@ -252,12 +255,12 @@ class Simulation(Summarised):
         return float(self.units.in_code(time, "time") if hasattr(time, "unit") else time)
 
     def summary(self) -> tuple[str, Rows]:
-        """Return the title of the scene, and rows (name, value) with the time, the step and facts of the scene."""
+        """Return the title of the scene, and rows (name, value): the time, the step and facts of the scene."""
         now = self.units.show_time(self.time)
         return self.scene.title or "A simulation", [("time", now), ("step", self.state.step), *self.scene.facts]
 
-    def evolve(self, until: float, after_step: Callable[[], bool] | None = None, only_looks: bool = False) -> bool:
-        """Step to the time `until`; the closing kick of the last step is left to the next call.
+    def evolve(self, until: float, after_step: Callable[[], bool] | None = None, read_only: bool = False) -> bool:
+        """Step to the time `until`, and leave the closing kick of the last step to the next step.
 
         Parameters
         ----------
@@ -265,7 +268,7 @@ class Simulation(Summarised):
             Time of the end, in code units.
         after_step : callable, optional
             `after_step()` is called after each step. If it returns True, the run ends early.
-        only_looks : bool, optional
+        read_only : bool, optional
             Whether `after_step` only reads the state, so that arrays need no check before the next step.
 
         Returns
@@ -284,21 +287,19 @@ class Simulation(Summarised):
         """
         self._prepare()
         while self.state.time < until:
-            dt = self._next_step(until)
-            self._check_dust_step(dt)
+            dt = next_step(self.state, self.operators.limits, until)
+            guards.check_dust_step(self.state, self.effects, self.operators.limits, dt)
             with self._uninterrupted():
                 self._advance(dt, until)
-            if after_step is None:
-                continue
-            if after_step():
+            if after_step is not None and after_step():
                 return False
-            if not only_looks:
+            if after_step is not None and not read_only:
                 self.operators.check_exposed_arrays()
         return True
 
     @contextmanager
     def synchronised(self) -> Iterator[State]:
-        """Yield read-only views of the state with velocities at the time of the positions; the run is unaffected.
+        """Yield read-only views of the state, with velocities at the time of the positions; the run is unaffected.
 
         Yields
         ------
@@ -310,7 +311,7 @@ class Simulation(Summarised):
         Within the context `sim.gas`, `sim.dust` and `sim.state` are these views. Attributes set on the views are lost
         at the end. `step`, `run`, `evolve` and `restore` raise RuntimeError; `save` writes the state of the run.
         """
-        if self._open is not None:
+        if self._unclosed is not None:
             yield self.state
             return
         with self.closed() as state:
@@ -322,9 +323,9 @@ class Simulation(Summarised):
 
     @contextmanager
     def closed(self) -> Iterator[State]:
-        """Yield the state after its closing kick, for outputs that only read it; the kick is undone at the end."""
+        """Yield the state after its closing kick, for outputs that only read it; undo the kick at the end."""
         self._prepare()
-        state = self._open = self.state
+        state = self._unclosed = self.state
         try:
             if state.velocity_lag == 0.0:
                 yield state
@@ -333,9 +334,8 @@ class Simulation(Summarised):
                 name: {k: v.copy() for k, v in p.arrays().items() if k in KICKED_ARRAYS}
                 for name, p in state.species.items()
             }
-            kept: dict[str, Any] = {name: replace(p, **saved[name]) for name, p in state.species.items()}
-            bodies = None if state.bodies is None else state.bodies.copy()
-            self._open = replace(state, bodies=bodies, **kept)
+            species: dict[str, Any] = {name: replace(p, **saved[name]) for name, p in state.species.items()}
+            self._unclosed = replace(state, bodies=state.bodies and state.bodies.copy(), **species)
             costs, self.costs = self.costs, Costs(self.effects)
             try:
                 self.operators.close()
@@ -343,13 +343,13 @@ class Simulation(Summarised):
                 self.costs = costs
             yield state
         finally:
-            if self._open is not state:
+            if self._unclosed is not state:
                 self.operators.arrays_exposed = True
-                state.velocity_lag, state.bodies = self._open.velocity_lag, self._open.bodies
+                state.velocity_lag, state.bodies = self._unclosed.velocity_lag, self._unclosed.bodies
                 for name, arrays in saved.items():
                     for key, array in arrays.items():
                         setattr(state.species[name], key, array)
-            self._open = None
+            self._unclosed = None
 
     def acceleration(self, effect: str) -> tuple[np.ndarray | None, np.ndarray | None]:
         """Return the accelerations that one effect causes at present.
@@ -374,7 +374,7 @@ class Simulation(Summarised):
         if effect not in self.effects:
             raise KeyError(f"no effect {effect!r} in this scene; it has {', '.join(self.effects)}")
         set_threads(self.scene.run.threads)
-        if self._open is None:
+        if self._unclosed is None:
             guards.check_entries(self.state, self.effects)
         found = acceleration_of(self.effects[effect], self.state)
         return found.get("gas"), found.get("dust")
@@ -410,10 +410,10 @@ class Simulation(Summarised):
 
         Raises PhysicsError if the state is not finite, and RuntimeError after an interrupted step.
         """
-        if self._open is None and not self._has_forces:
+        if self._unclosed is None and not self._has_forces:
             self._prepare()
         self._refuse_half_made()
-        state = self._open or self.state
+        state = self._unclosed or self.state
         guards.check_entries(state, self.effects)
         groups = {name: p.arrays() for name, p in state.species.items()}
         groups["own_acc"] = state.acc_unshared
@@ -421,10 +421,9 @@ class Simulation(Summarised):
         if state.bodies is not None:
             groups["bodies"] = state.bodies.arrays()
         groups["scene"] = {"text": np.frombuffer(self.scene.text.encode(), np.uint8)}
-        groups["costs"] = {"calls": np.array([*self.costs.calls.values()])}
-        groups["costs"]["seconds"] = np.array([*self.costs.seconds.values()])
+        groups["costs"] = self.costs.arrays()
         values: dict[str, Scalar] = {"time": state.time, "step": state.step, "lag": state.velocity_lag}
-        values |= dict(zip(chain(*LIMIT_NAMES, [GROWING_LIMIT]), self.operators.limits, strict=True))
+        values |= dict(zip(chain(*LIMIT_NAMES, [UNSTABLE_LIMIT]), self.operators.limits, strict=True))
         if state.subcycle_clock is not None:
             values |= {f"pace_{name}": value for name, value in state.subcycle_clock._asdict().items()}
         return groups, values
@@ -437,7 +436,7 @@ class Simulation(Summarised):
         path : str or Path
             File of the checkpoint. Its scene may differ from this one as far as --resume allows.
         share : tuple of int, optional
-            Part of the particles to read, as in `read_checkpoint`, for runs on several processes.
+            Number of a process and number of processes, to read only this process's part of the particles.
 
         Returns
         -------
@@ -462,11 +461,11 @@ class Simulation(Summarised):
         -----
         After an exception the simulation is unchanged.
         """
-        self._refuse_while_read()
+        self._refuse_during_read()
         groups, values = read_checkpoint(path, share)
         refuse_changed_scene(path, groups["scene"]["text"].tobytes(), self.scene)
         try:
-            found = restored(self.state, self.effects, groups, values)
+            found = checked_contents(self.state, self.effects, groups, values)
         except EntryError as fault:
             raise CheckpointError(
                 f"{path}: damaged checkpoint, or written by another version of discsim: {fault}"
@@ -491,37 +490,27 @@ class Simulation(Summarised):
         """Complete the step within the context before the first Ctrl-C raises KeyboardInterrupt.
 
         A second Ctrl-C raises KeyboardInterrupt at once, or after other threads have ended their loops. The step is
-        then half made, and the state cannot be used. If the caller has set a handler of SIGINT, it stays in force.
+        then half made, and the state cannot be used. If the caller has set another handler of SIGINT, that handler
+        stays in force.
         """
         set_threads(self.scene.run.threads)
-        noted: list[int] = []
-
-        def note(number: int, frame: FrameType | None) -> None:
-            noted.append(number)
-            if len(noted) > 1:
-                raise KeyboardInterrupt("in the midst of a step")
-
-        main = threading.current_thread() is threading.main_thread()
-        ours = main and signal.getsignal(signal.SIGINT) is signal.default_int_handler
-        if ours:
-            signal.signal(signal.SIGINT, note)
-        try:
+        is_main = threading.current_thread() is threading.main_thread()
+        is_default = is_main and signal.getsignal(signal.SIGINT) is signal.default_int_handler
+        with Interrupts([signal.SIGINT] if is_default else []) as interrupts:
             self._step_is_half_made = True
             yield
             self._step_is_half_made = False
-        finally:
-            if ours:
-                signal.signal(signal.SIGINT, signal.default_int_handler)
-        if noted:
+        if interrupts.number:
             raise KeyboardInterrupt
 
     def _prepare(self) -> None:
-        """Check the state before a step, and compute the first forces.
+        """Check the state before a step, and compute the forces unless they are known.
 
-        Raises RuntimeError if the state is being read or a step is half made, and ValueError if an array is wrong.
+        Raises RuntimeError if the state is being read or a step is half made, and ValueError or PhysicsError if an
+        array is wrong.
         """
         set_threads(self.scene.run.threads)
-        self._refuse_while_read()
+        self._refuse_during_read()
         self._refuse_half_made()
         self.operators.check_exposed_arrays()
         if not self._has_forces:
@@ -529,24 +518,20 @@ class Simulation(Summarised):
                 self.operators.forces()
                 self._has_forces = True
 
-    def _refuse_while_read(self) -> None:
-        if self._open is not None:
+    def _refuse_during_read(self) -> None:
+        """Raise RuntimeError if a callback, or the context of `synchronised` or `closed`, reads the state."""
+        if self._unclosed is not None:
             wrong = "the state is being read, in a callback or in synchronised()"
             raise RuntimeError(f"{wrong}; expected this call afterwards, or on another Simulation")
 
     def _refuse_half_made(self) -> None:
+        """Raise RuntimeError if an interrupt has left a step half made."""
         if self._step_is_half_made:
             raise RuntimeError("the last step was interrupted; expected a new Simulation, or restore() of a checkpoint")
 
-    def _next_step(self, until: float) -> float:
-        return next_step(self.state, self.operators.limits, until)
-
-    def _check_dust_step(self, dt: float) -> None:
-        guards.check_dust_step(self.state, self.effects, self.operators.limits, dt)
-
     def _advance(self, dt: float, until: float = math.inf) -> None:
-        """Advance by dt, including the closing kick of the last step but not that of this step."""
+        """Advance by dt: make the closing kick of the last step, and this step without its closing kick.
+
+        until: time at which the step ends if this is within rounding.
+        """
         self._integrate(self.operators, dt, until)
-
-
-KICKED_ARRAYS = ("vel", "u", "kick_acc", "kick_rate", "radiated")  # what a kick changes

@@ -18,15 +18,15 @@ Given = dict[str, dict[str, Any]]
 RAISE_ON_OVERFLOW: Any = {"over": "raise", "divide": "raise", "invalid": "raise"}  # numpy's error handling in a start
 
 
-class Begun(NamedTuple):
-    """Start of a simulation: state before the first step, effects by name, and a report if the gas was relaxed."""
+class InitialState(NamedTuple):
+    """State before the first step, effects by name, and a report if the gas was relaxed."""
 
     state: State
     effects: dict[str, Effect]
     relaxed: RelaxationReport | None = None
 
 
-def begin(scene: Scene, particles: Given | None = None, to_restore: bool = False) -> Begun:
+def begin(scene: Scene, particles: Given | None = None, to_restore: bool = False) -> InitialState:
     """Return the state of a scene before the first step, and its effects. Raises SceneError.
 
     particles: the user's own arrays by species and name; None: particles are made as in [initial]. to_restore: whether
@@ -40,25 +40,22 @@ def begin(scene: Scene, particles: Given | None = None, to_restore: bool = False
         raise SceneError([f"numbers of the start are too extreme: {error}; expected less extreme values"]) from error
 
 
-def _begin(scene: Scene, particles: Given | None, to_restore: bool) -> Begun:
-    own = particles is not None
-    state = make_state(scene, _make_particles(scene) if particles is None else particles)
-    state.bodies = make_bodies(scene, with_start=not own)
-    effects = load_effects(scene, state)
-    settle = None if own else start_of(scene).settle
-    if settle is not None:
+def _begin(scene: Scene, particles: Given | None, to_restore: bool) -> InitialState:
+    """Return the result of `begin`; faults are exceptions of any type."""
+    start = start_of(scene) if particles is None else None
+    if particles is None:
         with np.errstate(**RAISE_ON_OVERFLOW):
-            settle(state, effects)
+            particles = make_particles(scene)
+    state = make_state(scene, particles)
+    state.bodies = make_bodies(scene, with_start=start is not None)
+    effects = load_effects(scene, state)
+    if start is not None and start.settle is not None:
+        with np.errstate(**RAISE_ON_OVERFLOW):
+            start.settle(state, effects)
     for effect in effects.values():
         effect.begin(state, effects)
-    relaxed = None if own or to_restore else relax(state, effects)
-    transform_to_run_frame(state, with_particles=not own)
-    restore = None if own else start_of(scene).restore
-    if restore is not None:
-        restore(state)
-    return Begun(state, effects, relaxed)
-
-
-def _make_particles(scene: Scene) -> Given:
-    with np.errstate(**RAISE_ON_OVERFLOW):
-        return make_particles(scene)
+    relaxed = None if start is None or to_restore else relax(state, effects)
+    transform_to_run_frame(state, with_particles=start is not None)
+    if start is not None and start.restore is not None:
+        start.restore(state)
+    return InitialState(state, effects, relaxed)

@@ -17,7 +17,9 @@ if TYPE_CHECKING:
 class Watch:
     """Progress display and callback of `Simulation.run`; times are in code units.
 
-    The display is closed at the end of the context. Raises ValueError if `until` or `every` is wrong.
+    until, progress, every, callback: arguments of `Simulation.run`. time: time of the last step reported. target: time
+    at which the present sequence of steps ends. The display is closed at the end of the context. Raises ValueError if
+    `until` or `every` is wrong.
     """
 
     def __init__(
@@ -54,7 +56,7 @@ class Watch:
     def times(self) -> Iterator[float]:
         """Times at which a step must end: multiples of `every`, and the end of the run.
 
-        Multiples are computed with exact fractions, so that a run made in parts has the same times.
+        Multiples are computed with exact fractions, so that a run in several parts has the same times.
         """
         if self.every is not None:
             every = Fraction(repr(self.every))
@@ -67,7 +69,7 @@ class Watch:
         yield self.until
 
     def after_step(self) -> bool:
-        """Report the last step and call the callback if it is due; return whether the callback ends the run."""
+        """Report the last step, and call the callback if it is due; return whether the callback ends the run."""
         sim = self.sim
         if sim.time <= self.time:
             return False

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import BeforeValidator, Field, StrictBool, ValidationInfo, model_validator
 
-from discsim.parts import EOS, LAWS, SCHEMES, USUAL_SCHEME
+from discsim.parts import DEFAULT_SCHEME, EOS, LAWS, SCHEMES
 from discsim.scene.columns import ColumnsFile
 from discsim.scene.fields import (
     AccelerationVector,
@@ -224,7 +224,7 @@ class Drag(Table):
         "two-way", description="two-way: dust acts on the gas; one-way: it does not"
     )
     scheme: SchemeName = Field(
-        USUAL_SCHEME, description="numerical scheme of the drag; -ppm: gas and dust are fluids on a fixed 1D grid"
+        DEFAULT_SCHEME, description="numerical scheme of the drag; -ppm: gas and dust are fluids on a fixed 1D grid"
     )
     kernel: Literal["gas", "double-hump"] = Field(
         "gas", description='kernel of drag between pairs: W of the gas, or "double-hump": q^2 W'

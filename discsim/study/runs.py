@@ -197,7 +197,7 @@ def _run_and_measure(
             say(f"    step {sim.state.step}, {sim.time / scene.run.until:.0%} of run.until")
         return time.process_time() - begun[-1] > limits.cpu
 
-    if not sim.evolve(scene.run.until, count, only_looks=True):
+    if not sim.evolve(scene.run.until, count, read_only=True):
         words = f"stopped after {limits.cpu:.3g} s of CPU at {sim.time / scene.run.until:.0%}"
         return {"stopped": words, "cpu": limits.cpu, "most": limits.cpu}
     sim.run(scene.run.until)  # makes the closing half kick

@@ -11,7 +11,7 @@ from rich.console import Console
 
 from discsim import Simulation
 from discsim.numerics import threads
-from discsim.parts import SCHEMES, USUAL_SCHEME
+from discsim.parts import DEFAULT_SCHEME, SCHEMES
 
 
 @pytest.mark.parametrize("coefficient", [1e-6, 1.0, 1e12])
@@ -60,12 +60,12 @@ def test_throughput_measures_what_it_names(name, step_cost):
     assert 0.0 < sum(found["effects"].values()) <= found["cpu"]
     assert "dust" not in step_cost.without_dust(tables)
     if found["dust"]:
-        assert tables["drag"]["scheme"] == USUAL_SCHEME
+        assert tables["drag"]["scheme"] == DEFAULT_SCHEME
 
 
 def test_throughput_of_the_main_job_is_told_by_pass(step_cost):
     tables = step_cost.case("main", 0, 1)
-    assert tables["drag"]["scheme"] == USUAL_SCHEME
+    assert tables["drag"]["scheme"] == DEFAULT_SCHEME
     assert step_cost.case("main", 0, 1, "idic")["drag"]["scheme"] == "idic"
     tables["gas"]["particles"], tables["dust"]["particles"] = 3000, 6000
     found = step_cost.measure(tables)

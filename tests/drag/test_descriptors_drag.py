@@ -13,7 +13,7 @@ import pytest
 from installed import install
 
 import discsim
-from discsim.parts import EOS, LAWS, SCHEMES, USUAL_SCHEME
+from discsim.parts import DEFAULT_SCHEME, EOS, LAWS, SCHEMES
 
 HOME = Path(discsim.__file__).parent
 
@@ -187,7 +187,7 @@ def test_previews_ask_parts_of_another_package(found):
     drag = next(line for line in text.splitlines() if line.startswith("  drag "))
     assert "scheme everyone" in drag and "cell" not in drag and "integration" not in drag
     # 800 particles at a millisecond in place of what the usual scheme takes.
-    assert found["seconds"] == pytest.approx(800 * (1e6 - SCHEMES[USUAL_SCHEME].nanoseconds) * 1e-9, rel=1e-6)
+    assert found["seconds"] == pytest.approx(800 * (1e6 - SCHEMES[DEFAULT_SCHEME].nanoseconds) * 1e-9, rel=1e-6)
 
 
 def test_warnings_of_another_scheme(other):

@@ -202,6 +202,6 @@ def test_the_first_step_puts_particles_in_order(tmp_path):
     sim = Simulation(scene_of(tmp_path, DISC, "star.accretion_radius=0.1"))  # nothing leaves
     assert np.array_equal(sim.dust.ids, 1000 + np.arange(1100))
     sim.step()
-    place = sim.state.grid.places(sim.dust.pos)[0]
+    place = sim.state.grid.sort_keys(sim.dust.pos)[0]
     assert np.array_equal(np.lexsort((sim.dust.ids, place)), np.arange(sim.dust.count))
     assert not np.array_equal(sim.gas.ids, np.sort(sim.gas.ids))

@@ -127,7 +127,7 @@ def gaussian_bump(cells, thickness):
     cell, b = 1.5 / cells, 0.1
     x = (np.arange(cells) - cells // 2) * cell
     bump = np.exp(-(x[:, None] ** 2 + x**2) / (2 * b * b))
-    poisson = Poisson(bump.shape, cell, ThinDisc(thickness), periodic=False, threads=1)
+    poisson = Poisson(bump.shape, cell, ThinDisc(thickness), periodic=False)
     return poisson.solve(bump)[cells // 2, cells // 2]
 
 

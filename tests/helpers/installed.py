@@ -24,8 +24,8 @@ def looked_up_anew():
     def forget():
         parts.package_entry_points.cache_clear()
         for registry in vars(parts).values():
-            if isinstance(registry, parts.Parts):
-                registry.__dict__.pop("homes", None)
+            if isinstance(registry, parts.Registry):
+                registry.__dict__.pop("locations", None)
         tables._type_of.cache_clear()
         loading._adapter.cache_clear()
 

@@ -117,7 +117,7 @@ def is_of_another_shape(file, stream):
 
 
 def is_not_finite(file, stream):
-    names = datasets(file, but=("discsim/OpenStep/bodies", "Stopping", "Stokes", "seconds", "Pace"))
+    names = datasets(file, but=("discsim/OpenStep/bodies", "Stopping", "Stokes", "seconds", "SubcycleClock"))
     name = chosen(stream, [name for name in names if file[name].dtype.kind == "f" and file[name].size])
     data = file[name][()]
     data.flat[int(stream.integers(data.size))] = chosen(stream, [np.nan, np.inf, -np.inf])

@@ -1,6 +1,6 @@
 """Operators of a simulation: replaced, and what they say of an effect."""
 
-from discsim.numerics.operators import Slot, least_step, limits
+from discsim.numerics.operators import Slot, limits, smallest_limits
 
 FORCES = (Slot.FORCE, Slot.DRIFT_FORCE)
 
@@ -29,4 +29,4 @@ def limits_of(sim, name):
 
 def longest_step_of(sim, name):
     """Longest step that an effect allows, by the last forces of a simulation."""
-    return least_step(limits_of(sim, name), sim.state.dust_is_passive)
+    return smallest_limits(limits_of(sim, name), sim.state.dust_is_passive)[0]

@@ -624,7 +624,7 @@ def parts_of(tables: dict[str, Any]) -> Iterator[str]:
         yield f"eos {tables['gas']['eos']['kind']}"
     if "drag" in tables:
         yield f"law {tables['drag']['law']}"
-        yield f"scheme {tables['drag'].get('scheme', parts.USUAL_SCHEME)}"
+        yield f"scheme {tables['drag'].get('scheme', parts.DEFAULT_SCHEME)}"
 
 
 def unseen(seen: Counter[str]) -> list[str]:

@@ -29,7 +29,7 @@ PIECES = 50  # particles that loops are cut at, so that few particles have sever
 
 def stepped(scene, steps, most, comm):
     """The rows of history, arrays by name, and how many particles each rank has; `comm` None: of this rank alone."""
-    world.set_processes(world.Alone())
+    world.set_processes(world.SerialComm())
     sim = Simulation(scene)
     if comm is not None:
         divide(sim, comm)
@@ -41,7 +41,7 @@ def stepped(scene, steps, most, comm):
     held = sum(p.count for p in state.species.values())
     if comm is not None:
         extra, state = gathered_columns(comm, state, extra), gathered(comm, state)
-    world.set_processes(world.Alone())
+    world.set_processes(world.SerialComm())
     arrays = {f"{n}.{k}": array for n, p in state.species.items() for k, array in p.arrays().items()}
     arrays |= {f"{n}.{k} of effects": np.asarray(a) for n, p in extra.items() for k, a in plain(p).items()}
     arrays |= {f"ledger.{k}": np.asarray(v) for k, v in asdict(state.ledger).items()}

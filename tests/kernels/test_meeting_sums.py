@@ -40,7 +40,7 @@ def most_listed(lists):
 
 def test_growth_sums_what_is_about_a_grain_and_a_gas_particle(sim):
     gas, dust, effect = sim.gas, sim.dust, sim.effects["growth"]
-    met = meeting.Surroundings(effect.sph, gas).meet(dust.pos, dust.global_index)
+    met = meeting.GasCells(effect.sph, gas).neighbours_of(dust.pos, dust.global_index)
     field = effect._surroundings(sim.state, met, np.zeros(2))
     assert max(most_listed(met.gas_about), most_listed(met.grains_about)) > CHUNK  # packs are filled more than once
     w, steep, way = weights(dust.pos, gas.pos, gas.h)
@@ -66,7 +66,7 @@ def test_growth_sums_what_is_about_a_grain_and_a_gas_particle(sim):
 def test_what_grains_take_is_what_gas_gives(sim):
     """Pair by pair, also where more is asked than there is."""
     gas, dust, effect = sim.gas, sim.dust, sim.effects["growth"]
-    met = meeting.Surroundings(effect.sph, gas).meet(dust.pos, dust.global_index)
+    met = meeting.GasCells(effect.sph, gas).neighbours_of(dust.pos, dust.global_index)
     field, before = effect._surroundings(sim.state, met, np.zeros(2)), dust.mass.copy()
     w, _, way = weights(dust.pos, gas.pos, gas.h)
     bent = 1.0 - np.einsum("jid,jd->ji", way, field[:, growth.TAKE + 1 : growth.TAKE + 3])
@@ -83,7 +83,7 @@ def test_what_grains_take_is_what_gas_gives(sim):
 
 def test_diffusion_sums_the_gas_about_a_grain(sim):
     gas, dust, sph = sim.gas, sim.dust, sim.effects["growth"].sph
-    met = meeting.Surroundings(sph, gas).meet(dust.pos, dust.global_index)
+    met = meeting.GasCells(sph, gas).neighbours_of(dust.pos, dust.global_index)
     field, speed2, part = np.zeros((dust.count, 7)), gas.sound_speed**2, met.gas_about[0]
     filled = met.grain_cells.filled
     driver = diffusion.gas_driver(sph.kernel, 2)

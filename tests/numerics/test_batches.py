@@ -57,7 +57,7 @@ def test_what_is_known_of_places_goes_when_they_move(tmp_path, monkeypatch):
     """And before a kick where somebody may have changed them; not in other kicks, which ask for it."""
     sim, forgotten = Simulation(scene_of(tmp_path, WAVE)), []
 
-    class Noting(world.Alone):
+    class Noting(world.SerialComm):
         def forget(self):
             forgotten.append(sim.gas.pos.copy())
 
@@ -76,7 +76,7 @@ def test_what_is_known_of_places_goes_before_operators_use_the_new_ones(tmp_path
     """As the walk of the dust does; the results of the last kick, which it needs, go after it."""
     sim, order, places = Simulation(scene_of(tmp_path, WAVE)), [], []
 
-    class Noting(world.Alone):
+    class Noting(world.SerialComm):
         def forget(self):
             order.append("all")
 

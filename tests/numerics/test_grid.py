@@ -236,7 +236,7 @@ def test_extent_is_that_of_the_first_nodes(grid, ordered):
     fine = replace(grid, cell=grid.cell / 8, shape=(8 * grid.shape[0], 8 * grid.shape[1] if grid is not LINE else 1))
     pos, _ = particles(grid, 4000)
     if ordered:
-        pos = pos[np.argsort(fine.places(pos)[0])]
+        pos = pos[np.argsort(fine.sort_keys(pos)[0])]
     dim = pos.shape[1]
     pos[7] = np.array(fine.origin[:dim]) + (np.array(fine.shape[:dim]) - 0.25) * fine.cell
     s = (pos - fine.origin[:dim]) * (1.0 / fine.cell) - 0.5

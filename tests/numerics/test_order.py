@@ -11,10 +11,10 @@ def test_an_order_in_memory_hangs_on_places_and_ids_alone():
     sim = simulation(pos, 2, "open", mass=mass)
     gas, sph = sim.gas, sim.effects["gas"].sph
     gas.sort(*sph.keys(gas))
-    ids, least = gas.ids, sph.least(gas)
+    ids, least = gas.ids, sph.smallest_h(gas)
     gas.take(np.random.default_rng(2).permutation(gas.count))
     assert not np.array_equal(gas.ids, ids)
-    assert sph.least(gas) == least
+    assert sph.smallest_h(gas) == least
     gas.sort(*sph.keys(gas))
     np.testing.assert_array_equal(gas.ids, ids)
 

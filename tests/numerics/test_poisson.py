@@ -22,7 +22,7 @@ from discsim.numerics.poisson import Plummer, Poisson, Workers
 @pytest.mark.parametrize("batches", [0, 1, 40])
 def test_each_batch_is_treated_once(batches):
     seen = []
-    Workers((64, 64), False, 0, 1).each(lambda worker, batch: seen.append(batch), batches)  # a rank may have none
+    Workers((64, 64), False, 0).run_batches(lambda worker, batch: seen.append(batch), batches)  # a rank may have none
     assert seen == list(range(batches))
 
 
@@ -34,7 +34,7 @@ def test_open_potential_is_the_direct_sum_over_nodes(shape, softening):
     x, y = (c.ravel() * cell for c in np.indices(shape))
     distance = np.sqrt((x - x[:, None]) ** 2 + (y - y[:, None]) ** 2 + softening**2)
     direct = -(surface_density.ravel() * cell**2 / distance).sum(axis=1).reshape(shape)
-    potential = Poisson(shape, cell, Plummer(softening), periodic=False, threads=1).solve(surface_density)
+    potential = Poisson(shape, cell, Plummer(softening), periodic=False).solve(surface_density)
     # What is promised; the FFT's own rounding is 1e-15.
     assert np.abs(potential / direct - 1).max() < 1e-10
 
@@ -50,7 +50,7 @@ def test_open_potential_goes_on_beyond_the_edges(shape):
     distance = np.sqrt((x - to_x[:, None]) ** 2 + (y - to_y[:, None]) ** 2 + softening**2)
     direct = -(surface_density.ravel() * cell**2 / distance).sum(axis=1).reshape(shape[0] + 4, shape[1] + 4)
     found, within = (
-        Poisson(shape, cell, Plummer(softening), periodic=False, threads=1, border=border).solve(surface_density)
+        Poisson(shape, cell, Plummer(softening), periodic=False, border=border).solve(surface_density)
         for border in (2, 0)
     )
     assert np.abs(found / direct - 1).max() < 1e-10
@@ -63,7 +63,7 @@ def test_periodic_potential_of_a_wave(shape, waves):
     k = 2 * np.pi * np.array(waves) / (np.array(shape) * cell)
     i, j = np.indices(shape)
     wave = np.sin(cell * (k[0] * i + k[1] * j) + 0.4)
-    potential = Poisson(shape, cell, Plummer(softening), periodic=True, threads=1).solve(3 + wave)
+    potential = Poisson(shape, cell, Plummer(softening), periodic=True).solve(3 + wave)
     size = np.hypot(*k)
     exact = -2 * np.pi * np.exp(-size * softening) / size * wave
     # Rounding only; the phases of the wave are large numbers.
@@ -72,12 +72,12 @@ def test_periodic_potential_of_a_wave(shape, waves):
 
 def test_a_periodic_grid_has_no_border():
     with pytest.raises(ValueError, match="expected border = 0, not 2"):
-        Poisson((16, 16), 0.1, Plummer(0.1), periodic=True, threads=1, border=2)
+        Poisson((16, 16), 0.1, Plummer(0.1), periodic=True, border=2)
 
 
 def test_open_boundaries_need_two_dimensions():
     with pytest.raises(ValueError, match="two dimensions"):
-        Poisson((64, 1), 0.1, Plummer(0.1), periodic=False, threads=1)
+        Poisson((64, 1), 0.1, Plummer(0.1), periodic=False)
 
 
 def maclaurin_error(cells, softening, count):
@@ -204,7 +204,7 @@ def test_one_way_dust_does_not_limit_the_step():
 def test_a_solver_made_for_one_thread_may_have_more(monkeypatch):
     """Each batch of rows on a plan of its own, and the same bits."""
     surface_density = np.random.default_rng(1).random((100, 90))
-    solver = Poisson((100, 90), 0.1, Plummer(0.2), periodic=False, threads=1)
+    solver = Poisson((100, 90), 0.1, Plummer(0.2), periodic=False)
     found = []
     for threads in (1, 5):
         monkeypatch.setattr(thread_pool, "number_of_threads", lambda threads=threads: threads)

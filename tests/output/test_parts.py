@@ -18,7 +18,7 @@ from discsim.output.checkpoint import CheckpointError, check_checkpoint, read_ch
 from discsim.output.contents import extent_of
 from discsim.output.snapshot import SnapshotError, write_snapshot
 from discsim.run.checkpoints import Checkpoints
-from discsim.run.directory import CHECKPOINTS, copy_input_files, sweep
+from discsim.run.directory import CHECKPOINTS, copy_input_files, remove_partial_files
 from discsim.run.runner import run_scene
 from discsim.scene import SceneError, load_scene
 
@@ -202,7 +202,7 @@ def test_a_kill_at_any_moment_leaves_a_checkpoint(tmp_path):
     for left in left_by_kills(lambda: put_checkpoint(path, 2, before), out, tmp_path / "left"):
         checkpoints = Checkpoints(left)
         values = checkpoints.newest()[1]
-        sweep(left)  # as a run does that goes on
+        remove_partial_files(left)  # as a run does that goes on
         checkpoints.settle()
         parts.remove_unused_parts(left)
         groups, again = read_checkpoint(left / path.name)
@@ -241,7 +241,7 @@ def test_parts_that_no_file_names_are_removed(tmp_path):
     parts.remove_unused_parts(tmp_path)
     assert len([*(tmp_path / "parts").iterdir()]) == NUMBER + 2
     (tmp_path / "a.h5").write_bytes(content)
-    sweep(tmp_path)
+    remove_partial_files(tmp_path)
     parts.remove_unused_parts(tmp_path)
     assert sorted(os.listdir(tmp_path / "parts")) == ["a.0.h5", "a.1.h5", "a.2.h5"]
 

@@ -43,7 +43,7 @@ DISCS = sorted((Path(__file__).parents[1] / "scenes_of_published_discs").glob("*
 def forecast_over_run(scene, most=None):
     """Steps that are foreseen over those that a run takes, to its end or in its first `most` steps."""
     sim = Simulation(scene)
-    sim.evolve(scene.run.until, lambda: sim.state.step == most, only_looks=True)
+    sim.evolve(scene.run.until, lambda: sim.state.step == most, read_only=True)
     return expected_steps(scene, sim.time).number / sim.state.step, sim
 
 

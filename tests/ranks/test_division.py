@@ -126,7 +126,7 @@ def test_the_walk_of_the_dust_has_the_corners_of_moved_particles(monkeypatch):
         walk(effect, state, dt)
 
     monkeypatch.setattr(dust_diffusion.Effect, "move", move)
-    monkeypatch.setattr(world, "processes", world.Alone())  # and again after the test
+    monkeypatch.setattr(world, "processes", world.SerialComm())  # and again after the test
     sim = Simulation(tomllib.loads(DISC) | {"dust_diffusion": {"alpha": 0.01}})
     divide(sim, Comm())
     for _ in range(2):

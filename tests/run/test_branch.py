@@ -183,6 +183,6 @@ def test_temperatures_of_a_table_are_not_lost_in_silence(tmp_path):
     done = command(tmp_path / "a", "--at", "0", "-o", tmp_path / "b")
     assert (
         done.exit_code == 2
-        and ("and snapshots do not contain it; expected another temperature, like --set gas.eos") in done.stderr
+        and ("and snapshots do not contain it; set a temperature, for example: --set gas.eos") in done.stderr
     )
     assert branch(tmp_path / "a", 0, ["gas.eos.aspect_ratio=0.2"]).scene.gas.eos.aspect_ratio == 0.2

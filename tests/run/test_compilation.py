@@ -4,8 +4,7 @@ import pytest
 from numba import njit
 from runs import WAVE, at_step, scene_of
 
-from discsim.run.compilation import Compilation
-from discsim.run.progress import LINE_EVERY, Progress
+from discsim.run.progress import LINE_EVERY, CompilationListener, Progress
 from discsim.run.runner import run_scene
 
 
@@ -39,7 +38,7 @@ def test_a_run_says_once_that_kernels_compile(tmp_path, monkeypatch, capsys):
 
 
 def test_a_long_compilation_counts_kernels_every_few_seconds(tmp_path, clock, capsys):
-    told = Compilation(Progress(scene_of(tmp_path, WAVE), quiet=False))
+    told = CompilationListener(Progress(scene_of(tmp_path, WAVE), quiet=False))
     for name, seconds in (("density", 0.0), ("forces", 0.4 * LINE_EVERY), ("pull", 1.1 * LINE_EVERY), ("kick", 0.1)):
         clock[0] += seconds
         told.on_start(Kernel(name))
@@ -51,7 +50,7 @@ def test_a_terminal_shows_each_kernel_in_one_place(tmp_path, clock, monkeypatch)
     progress, frames = Progress(scene_of(tmp_path, WAVE), quiet=False), []
     progress.screen.has_frames = True
     monkeypatch.setattr(progress.screen, "frame", frames.append)
-    told = Compilation(progress)
+    told = CompilationListener(progress)
     for name in ("density", "forces"):
         clock[0] += 5.0
         told.on_start(Kernel(name))

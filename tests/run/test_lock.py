@@ -14,7 +14,7 @@ from runs import WAVE, assert_same_run, contents, scene_of
 from typer.testing import CliRunner
 
 from discsim.cli import app
-from discsim.run.directory import DirectoryError, held, sweep
+from discsim.run.directory import DirectoryError, locked_directory, remove_partial_files
 from discsim.run.runner import run_scene
 
 
@@ -81,7 +81,11 @@ def test_a_lock_that_was_removed_while_we_opened_it_is_none(tmp_path, monkeypatc
         real(file, how)
 
     monkeypatch.setattr(directory.fcntl, "flock", flock)
-    with held(tmp_path) as locked, pytest.raises(DirectoryError, match="another run uses"), held(tmp_path):
+    with (
+        locked_directory(tmp_path) as locked,
+        pytest.raises(DirectoryError, match="another run uses"),
+        locked_directory(tmp_path),
+    ):
         pass
     assert locked
 
@@ -127,13 +131,13 @@ def test_half_written_files_are_swept_up(tmp_path):
     parts[0].write_text("half")  # and of a finished one
     assert run_scene(scene_of(tmp_path, WAVE), out, resume=True, quiet=True) == 0
     assert not parts[0].exists()
-    sweep(tmp_path / "nowhere")
+    remove_partial_files(tmp_path / "nowhere")
 
 
 def test_a_child_does_not_keep_the_lock_of_its_killed_parent(tmp_path):
     # As the processes of a pool may, which wait for work that nobody gives them.
     def hold_and_have_a_child():
-        with held(tmp_path / "out"):
+        with locked_directory(tmp_path / "out"):
             child = forked(lambda: time.sleep(100) or 0)
             (tmp_path / "child").write_text(str(child))
             time.sleep(100)
@@ -145,7 +149,7 @@ def test_a_child_does_not_keep_the_lock_of_its_killed_parent(tmp_path):
     os.kill(parent, signal.SIGKILL)
     status_of(parent)
     try:
-        with held(tmp_path / "out") as locked:
+        with locked_directory(tmp_path / "out") as locked:
             assert locked
     finally:
         os.kill(int((tmp_path / "child").read_text()), signal.SIGKILL)
@@ -153,7 +157,7 @@ def test_a_child_does_not_keep_the_lock_of_its_killed_parent(tmp_path):
 
 def test_a_second_study_is_refused_while_one_goes_on(tmp_path):
     scene, out = scene_of(tmp_path, WAVE), tmp_path / "out"
-    with held(out):
+    with locked_directory(out):
         done = CliRunner().invoke(app, ["cost", str(scene.path), "--vary", "gas.particles=50,60", "-o", str(out)])
         assert done.exit_code == 2 and done.stderr.startswith(
             f"{out}: another run uses this directory (process {os.getpid()} "
@@ -180,9 +184,9 @@ def as_of_another_user(monkeypatch):
 def test_a_lock_that_another_users_run_has_left_is_held(tmp_path, as_of_another_user):
     (tmp_path / ".lock").write_text("process 1 on elsewhere")
     as_of_another_user(unreadable=False)
-    with held(tmp_path) as locked:
+    with locked_directory(tmp_path) as locked:
         assert locked and (tmp_path / ".lock").read_text() == "process 1 on elsewhere"
-        with pytest.raises(DirectoryError, match="another run uses this directory"), held(tmp_path):
+        with pytest.raises(DirectoryError, match="another run uses this directory"), locked_directory(tmp_path):
             pass
     assert not (tmp_path / ".lock").exists()
 

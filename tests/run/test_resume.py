@@ -356,7 +356,7 @@ def test_what_is_read_to_go_on_is_not_said_to_be_written(tmp_path, capsys):
     os.mkfifo(out / "scene.toml")  # of a run that was killed before its first checkpoint
     assert run_scene(further, out, resume=True, quiet=True) == 2
     said = capsys.readouterr().err
-    assert said.startswith(f"{out}/scene.toml: cannot be read: is a FIFO, not a plain file; expected")
+    assert said.startswith(f"{out}/scene.toml: cannot be read: is a FIFO, not a plain file; restore")
     assert said.count("\n") == 1
 
 

@@ -15,7 +15,7 @@ from terminal import Terminal, resized, written_to_a_terminal
 from discsim import Simulation
 from discsim.output.checkpoint import read_checkpoint
 from discsim.run.runner import run_scene
-from discsim.run.screen import HIDE, SHOW
+from discsim.run.screen import HIDE_CURSOR, SHOW_CURSOR
 
 FRAME = ("t = ", "dt = ")  # how rows begin that only a frame has
 
@@ -54,7 +54,7 @@ def test_snapshot_lines_stay_and_no_frame_is_left(tmp_path, monkeypatch, reflow,
     monkeypatch.setattr(Simulation, "_advance", advance_and_resize)
     out = tmp_path / "out"
     status, text = written_to_a_terminal(lambda: run_scene(scene_of(tmp_path, WAVE, "run.snapshots=8"), out))
-    assert status == 0 and text.rindex(SHOW) > text.rindex(HIDE)
+    assert status == 0 and text.rindex(SHOW_CURSOR) > text.rindex(HIDE_CURSOR)
     terminal, frames, said = Terminal(100, 24, reflow), [], log_of(out)
 
     def look():

@@ -32,7 +32,7 @@ kernels, ppm = Lazy("discsim.kernels.fluid1d.drag"), Lazy("discsim.numerics.ppm"
 def advance(law: Law, tube: Tube, cells: Array, dt: float, heating: bool) -> Array:
     now = cells
     for part in ppm.STAGES:
-        after = tube.moved(cells, now, part * dt)
+        after = tube.add_fluxes(cells, now, part * dt)
         kernels.relax_together(
             law.code, law.grains[0], tube.thermal_speed(now), cells, now, after, part * dt, law.exponential,
             tube.adiabatic, heating,

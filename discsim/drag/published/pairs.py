@@ -25,7 +25,7 @@ from discsim.kernels.drag import pairs as kernels
 from discsim.numerics.neighbours import LEAST, candidates, sort_into_cells
 from discsim.numerics.sorting import counting_sort
 from discsim.numerics.threads import parallel_for
-from discsim.parts import USUAL_SCHEME
+from discsim.parts import DEFAULT_SCHEME
 
 if TYPE_CHECKING:
     from discsim.kernels.common.neighbours import Cells
@@ -182,7 +182,7 @@ def short_steps(scheme: str, law: Law, dt: float, rate: float) -> int:
     if not dt * rate <= MOST_STEPS:
         raise FloatingPointError(
             f'drag.scheme "{scheme}" would need {dt * rate:.2g} explicit substeps in one time step; '
-            f'expected an implicit scheme, like "{USUAL_SCHEME}", or a shorter run.timestep'
+            f'expected an implicit scheme, like "{DEFAULT_SCHEME}", or a shorter run.timestep'
         )
     return max(1, ceil(dt * rate))
 

@@ -31,7 +31,7 @@ kernels, ppm = Lazy("discsim.kernels.fluid1d.drag"), Lazy("discsim.numerics.ppm"
 def advance(law: Law, tube: Tube, cells: Array, dt: float, heating: bool) -> Array:
     now = cells
     for part in ppm.STAGES:
-        now = tube.moved(cells, now, part * dt)
+        now = tube.add_fluxes(cells, now, part * dt)
     kernels.relax_towards_old(law.code, law.grains[0], tube.thermal_speed(now), now, dt, tube.adiabatic, heating)
     return now
 

@@ -1,4 +1,4 @@
-"""Check of the contents of a checkpoint against the scene that is to be resumed, before the state changes.
+"""Checks of the contents of a checkpoint, before they replace a state of its scene.
 
 A file may be damaged, so each array is checked for the type, shape and range that kernels rely on. Functions raise
 EntryError for a wrong array, and CheckpointError for a wrong single value.
@@ -24,15 +24,16 @@ from discsim.run.forces import Effects, Limits
 
 Array = np.ndarray
 Groups = Mapping[str, Any]
-# Names of the entries of `Limits` in a checkpoint.
+# Names of the fields of `Limits` in a checkpoint, in the same order.
 LIMIT_NAMES = (("limit", "limited_by"), ("dust_limit", "dust_limited_by"))
-GROWING_LIMIT = "growing_limit"
+UNSTABLE_LIMIT = "growing_limit"
 
 
-class Restored(NamedTuple):
+class CheckedContents(NamedTuple):
     """Checked contents of a checkpoint.
 
-    particles: arrays by species and name. of_state: the other attributes of the state.
+    particles: arrays by species and name. of_state: other attributes of the state by name. limits: time-step limits for
+    the next step. costs: CPU time of each effect so far.
     """
 
     particles: dict[str, dict[str, Array]]
@@ -41,10 +42,11 @@ class Restored(NamedTuple):
     costs: Costs
 
 
-def restored(state: State, effects: Effects, groups: Groups, values: Values) -> Restored:
-    """Check the contents of a checkpoint, and return them in the form of a state.
+def checked_contents(state: State, effects: Effects, groups: Groups, values: Values) -> CheckedContents:
+    """Check the contents of a checkpoint, and return them as attributes of a state.
 
-    groups: arrays by group and name. values: single values.
+    state, effects: a state of the scene, whose arrays have the types and shapes to expect, and its effects. groups,
+    values: contents of the checkpoint, arrays by group and name, and single values.
     """
     particles = {name: _checked_particles(state, name, groups[name]) for name in state.species}
     time = values.number("time", start_time(state.scene))
@@ -61,8 +63,8 @@ def restored(state: State, effects: Effects, groups: Groups, values: Values) -> 
         since, rate = values.number("pace_since", 0.0), values.number("pace_rate", 0.0, may_be_infinite=True)
         of_state["subcycle_clock"] = SubcycleClock(since, rate)
     (step, by), (dust, dust_by) = (_checked_limit(values, effects, *names) for names in LIMIT_NAMES)
-    limits = Limits(step, by, dust, dust_by, values.number(GROWING_LIMIT, 0.0, may_be_infinite=True))
-    return Restored(particles, of_state, limits, _checked_costs(effects, groups["costs"]))
+    limits = Limits(step, by, dust, dust_by, values.number(UNSTABLE_LIMIT, 0.0, may_be_infinite=True))
+    return CheckedContents(particles, of_state, limits, _checked_costs(effects, groups["costs"]))
 
 
 def _checked_particles(state: State, name: str, held: dict[str, Array]) -> dict[str, Array]:
@@ -82,15 +84,15 @@ def _checked_particles(state: State, name: str, held: dict[str, Array]) -> dict[
 def _checked_acc_unshared(
     state: State, effects: Effects, held: dict[str, Array], particles: Groups
 ) -> dict[str, Array]:
-    """Check the stored accelerations that act on one species only, and return them.
+    """Check the stored accelerations that act on one species only, and return them as `State.acc_unshared`.
 
-    There must be one for each particle of a species, or none.
+    held: arrays of the group own_acc by species; each must have one row per particle, or none.
     """
-    wanted = set(particles) if kick_effect_name(effects) is not None else set()
-    if held.keys() != wanted:
+    wanted = [*particles] if kick_effect_name(effects) is not None else []
+    if held.keys() != {*wanted}:
         raise EntryError(
-            f"the accelerations of own_acc are those of {', '.join(held) or 'no species'}; "
-            f"expected those of {', '.join(wanted) or 'no species'}, as in this scene"
+            f"own_acc has accelerations of {', '.join(held) or 'no species'}; expected accelerations of "
+            f"{', '.join(wanted) or 'no species'}, as in this scene"
         )
     for name, array in held.items():
         count = check_arrays(f"own_acc of {name}", {"acc": array}, state.scene.space.dimensions)
@@ -101,6 +103,7 @@ def _checked_acc_unshared(
 
 
 def _checked_ledger(held: dict[str, Array]) -> Ledger:
+    """Check the arrays `held` of the group ledger, and return them as a ledger."""
     empty = {name: np.atleast_1d(value) for name, value in asdict(Ledger()).items()}
     check_like("ledger", {name: held[name] for name in empty}, empty)
     check_finite("ledger", held)
@@ -109,6 +112,7 @@ def _checked_ledger(held: dict[str, Array]) -> Ledger:
 
 
 def _checked_bodies(own: Bodies, held: dict[str, Array], time: float) -> Bodies:
+    """Check the arrays `held` of the group bodies, and return them as bodies; time: time of the checkpoint."""
     check_like("bodies", held, own.arrays())
     check_finite("bodies", held)
     check_ranges("bodies", held, time=time)
@@ -116,9 +120,9 @@ def _checked_bodies(own: Bodies, held: dict[str, Array], time: float) -> Bodies:
 
 
 def _checked_limit(values: Values, effects: Effects, length: str, by: str) -> tuple[float, str]:
-    """Return a time-step limit, and the effect that sets it; "" if none does.
+    """Check a time-step limit, and return it with the name of the effect that sets it; "" without a limit.
 
-    length, by: names of the two values in the checkpoint.
+    length, by: names of these two values in the checkpoint.
     """
     found, name = values.number(length, 0.0, may_be_infinite=True), values.text(by)
     if found == 0.0:
@@ -129,10 +133,11 @@ def _checked_limit(values: Values, effects: Effects, length: str, by: str) -> tu
 
 
 def _checked_costs(effects: Effects, held: dict[str, Array]) -> Costs:
+    """Check the arrays `held` of the group costs, and return them as costs."""
     costs = Costs(effects)
-    like = {"calls": np.array([*costs.calls.values()]), "seconds": np.array([*costs.seconds.values()])}
-    check_like("costs", {name: held[name] for name in like}, like)
+    own = costs.arrays()
+    check_like("costs", {name: held[name] for name in own}, own)
     check_finite("costs", held)
-    for table, name in ((costs.calls, "calls"), (costs.seconds, "seconds")):
-        table.update(zip(effects, held[name].tolist(), strict=True))
+    costs.calls.update(zip(effects, held["calls"].tolist(), strict=True))
+    costs.seconds.update(zip(effects, held["seconds"].tolist(), strict=True))
     return costs
