@@ -301,7 +301,7 @@ def background_errors(drag: dict, grains: dict, courant: float = 0.3, count: int
         dt = sim.step(sim.scene.run.until - sim.time)
         for r, stokes in (before, now()):
             headwind = 0.75 * ASPECT**2 * r**0.5 * r**-0.5  # (p + q)/2 (H/r)^2 v_K
-            found = nsh.about_circles(stokes[None], np.zeros((1, count)), headwind, r**-0.5)
+            found = nsh.drift_about_circular_orbits(stokes[None], np.zeros((1, count)), headwind, r**-0.5)
             expected += 0.5 * dt * found.dust_radial[0]
     end, stokes = now()
     error = (end - start) / expected - 1

@@ -29,7 +29,7 @@ from script_helpers import some_of
 
 from discsim import Simulation
 from discsim.exact import dustybox, riemann, sedov, settling
-from discsim.kernels.drag.laws import hastening
+from discsim.kernels.drag.laws import nonlinear_drag_factor
 from discsim.kernels.sph.smoothing import KERNELS, NORM, SUPPORT, shape
 
 EULER = {"integrator": "euler"}
@@ -153,7 +153,7 @@ def box() -> Figure:
         slow = float(law.stopping_time(0, np.array([gas[0]]), np.array([gas[1]]), np.zeros(1), 0.5)[0])
 
         def rate(speed, law=law, slow=slow, gas=gas):
-            return hastening(law.code, law.grains[0], *gas, 0.0, speed) / slow
+            return nonlinear_drag_factor(law.code, law.grains[0], *gas, 0.0, speed) / slow
 
         times = np.geomspace(0.003, 1.0, 15) * sim.scene.run.until
         exact = [dustybox.velocities_by_speed(t, 0.0, start, 0.5, rate)[1][0] / start for t in times]

@@ -76,7 +76,7 @@ def blocks_of_drag(sim: Simulation) -> Cells:
     engine: Any = sim.effects["drag"].engine
     layout = engine.layout(sim.state)
     lattice, blocks, leaves = layout.lattice, layout.merged, (layout.gas_leaf, layout.dust_leaf)
-    lattices = levels.lattices(*lattice.shape, lattice.joined, LEVELS + 1)
+    lattices = levels.lattice_levels(*lattice.shape, lattice.joined, LEVELS + 1)
     home, _, about, near = levels.list_nodes(blocks.level, blocks.first_leaf, lattices, engine.dim == 1)
     blocks.number[-1] = len(blocks.level)
     keys = {f"drag {name}": blocks.number[leaf] for name, leaf in zip(sim.state.species, leaves, strict=True)}

@@ -1,4 +1,4 @@
-"""Interface of a drag scheme: arguments and results of a kick, and the properties of a scheme."""
+"""Interface of a drag scheme: the arguments and the result of a kick, and the properties of a scheme."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Array = np.ndarray
 Keys = dict[str, tuple[str, ...]]
 EMPTY, NO_ROWS = np.empty(0), np.empty(0, np.int64)
 
-# Keys of [drag] that have no meaning for a scheme, by the reason as text for messages.
+# Keys of [drag] that have no meaning for a scheme, by the reason: a text that completes the message "scheme has ...".
 NO_CELLS: Keys = {"no drag cells": ("cell", "cell_length")}
 NO_KERNEL: Keys = {"no drag kernel": ("kernel",)}
 OWN_INTEGRATION: Keys = {"a fixed time integration": ("integration",)}
@@ -31,13 +31,17 @@ UNSHARED = ("pos", "vel", "acc_unshared", "mass", "density", "thermal_speed")
 
 
 class Gas(NamedTuple):
-    """Arrays of the gas, with one row per particle. On several ranks, local particles come before ghost particles.
+    """Arrays of the gas: one row per particle, in code units; d is the number of dimensions.
 
-    pos (n, d): positions. vel (n, d): velocities; a kick changes them in place. acc (n, d): accelerations without
-    drag. acc_unshared (n, d): the part of `acc` that dust at the same position does not have; without rows if this part
-    is 0. density (n,): excludes small dust carried by the gas. thermal_speed (n,): sqrt(P / rho). global_index (n,):
-    sort keys that give all ranks together the order of a serial run; None on one rank. They rise along the array,
-    except in the rows `unsorted_rows`. local: number of local particles.
+    On several MPI ranks the first `local` rows are particles of this rank, and the others are ghost particles. In a
+    serial run `local` is the number of particles.
+
+    pos (n, d): positions. vel (n, d): velocities; a kick changes this array in place. acc (n, d): accelerations by all
+    forces except drag. acc_unshared (n, d): the part of `acc` that does not act on dust, for example pressure; without
+    rows if this part is 0. mass (n,). h (n,): smoothing lengths. density (n,): density of the gas without the small
+    dust that it carries. thermal_speed (n,): sqrt(P / rho). global_index (n,): keys by which all ranks together sort
+    their particles into the order of a serial run; None on one rank. The keys ascend, except in the rows
+    `unsorted_rows`.
     """
 
     pos: Array
@@ -54,11 +58,12 @@ class Gas(NamedTuple):
 
 
 class Dust(NamedTuple):
-    """Arrays of the dust: those of `Gas` except for density and thermal speed, and two of its own.
+    """Arrays of the dust: one row per particle ("grain"). The fields that `Gas` has too have the same meaning here.
 
-    class_of (n,): row of `Law.grains` of each grain, the index of its population or size class. per_grain (n,): a
-    number for each grain, empty if the law needs none. Where grains have their own sizes, it is the stopping time of
-    the grain divided by that of its class. For sparse dust with a constant K, it is the dust density at the grain.
+    acc_unshared (n, d): the part of `acc` that does not act on gas, for example radiation pressure. class_of (n,): the
+    row of `DragLaw.grains` with the parameters of the grain. per_grain (n,): one number per grain, or empty. If grains
+    have their own sizes, it is the stopping time of the grain divided by the stopping time of its class. With the law
+    "constant" and sparse dust, it is the dust density at the grain.
     """
 
     pos: Array
@@ -73,13 +78,14 @@ class Dust(NamedTuple):
     local: int
 
 
-class Law(NamedTuple):
-    """Law of the stopping time, and the way in which a kick applies it.
+class DragLaw(NamedTuple):
+    """Drag law of a kick: how long grains take to stop, on which species drag acts, and how time is integrated.
 
-    code: form of the law, a constant of `formulas/laws.py`. grains (classes, 5): parameters of each class. nonlinear:
-    whether stopping times depend on the slip. several: True if there may be more than one class, else None (numba then
-    compiles no code for several classes). two_way: whether drag acts on the gas too. exponential: whether the time
-    integration is the exact exponential; False for implicit Euler.
+    code: form of the law, a constant of `formulas/laws.py`. grains (classes, 5): parameters of each class of grains. A
+    class is a dust population, or the grains of similar stopping time. nonlinear: whether stopping times depend on the
+    slip, the velocity of dust relative to gas. several: True if there may be more than one class, otherwise None (numba
+    then compiles no code for several classes). two_way: whether drag acts on the gas too. exponential: whether slips
+    relax by the exact exponential; False for implicit Euler.
     """
 
     code: int
@@ -89,26 +95,28 @@ class Law(NamedTuple):
     two_way: bool
     exponential: bool
 
-    def stopping_time(self, population: int, density: Array, thermal_speed: Array, omega: Array, ratio: float) -> Array:
-        """Return the stopping time (n,) of a class at zero slip.
+    def stopping_time(self, population: int, density: Array, thermal_speed: Array, omega: Array, ratio: Any) -> Array:
+        """Return the stopping time (n,) at zero slip of the grains of one class in gas.
 
-        population: index of the class. density, thermal_speed, omega (n,): properties of the gas, with omega the
-        orbital frequency. ratio: dust-to-gas mass ratio.
+        population: index of the class. density, thermal_speed, omega (n,): density, sqrt(P / rho) and orbital frequency
+        of the gas. ratio: dust-to-gas mass ratio, one number or (n,).
         """
-        return laws.stopping_times(self.code, self.grains[population], ratio, density, thermal_speed, omega)
+        ratios = np.full(len(density), ratio)
+        return laws.stopping_times(self.code, self.grains[population], ratios, density, thermal_speed, omega)
 
 
 class CellRule(NamedTuple):
-    """Rule by which the leaves of a lattice are merged to drag cells (`drag/cells.py`).
+    """Rule by which the leaves of a lattice, which are small squares, are merged to drag cells (`drag/cells.py`).
 
-    Cells have a target side, and are larger where they would have too few particles.
+    A cell has at least its smallest side. A cell with too few particles is larger, up to a limit.
 
-    dim: number of dimensions. classes: number of dust classes. lattice: `Lattice` before the shift of this step.
-    lengths (n,): smoothing lengths of local gas, limited as in `drag/width.py`. size: target side in units of the mean
-    of `lengths` in the cell; 0 if `length` sets it. length: target side in code units; 0 if `size` sets it. fewest:
-    numbers of gas and dust particles below which a cell grows. soft: largest side, in target sides, to which a cell
-    grows for lack of particles. hard: the same for a cell without gas or without the dust that it needs. two_way:
-    whether drag acts on the gas too. step: number of steps since the start, which determines the shift.
+    dim: number of dimensions. classes: number of classes of grains. lattice: `Lattice` of leaves before the shift of
+    this step. lengths (n,): smoothing lengths of the gas particles of this rank, reduced as in `drag/width.py`. size:
+    smallest side divided by the mean of `lengths` in the cell; 0 if `length` is the smallest side. length: smallest
+    side in code units; 0 if `size` determines it. fewest: numbers of gas and of dust particles; a cell with fewer is
+    enlarged. soft: a cell with few particles is enlarged to at most this many smallest sides. hard: the same limit for
+    a cell without gas, or without dust where it needs dust. two_way: whether drag acts on the gas too. step: number
+    of the time step, which determines the shift of the lattice.
     """
 
     dim: int
@@ -124,14 +132,14 @@ class CellRule(NamedTuple):
     step: int
 
 
-class Work(NamedTuple):
-    """Further arguments of a kick.
+class KickContext(NamedTuple):
+    """Properties of the run that a kick needs, scratch memory, and the output array of the heat.
 
-    dim: number of dimensions. period (2,): period of space along each axis, inf where space is open. heat (n,): output,
-    the heat per mass that each gas particle gains; empty without heating. buffers: scratch arrays, which a scheme
-    reuses in later kicks. new_sph: function that returns an object for SPH sums with the options of the scene. ratios:
-    dust-to-gas mass ratio of each population. double_hump: whether the weight of a pair is the double-hump kernel;
-    False for the kernel of the gas.
+    dim: number of dimensions. period (2,): period of space along x and y, inf along axes without a period. heat (n,):
+    output array for the heat per mass that each gas particle gains in the kick; empty if drag does not heat. buffers:
+    scratch arrays by name, which a scheme may keep here for later kicks. new_sph: function without arguments that
+    returns a new `Sph`, which computes SPH sums with the options of the scene. ratios: dust-to-gas mass ratio of each
+    population. double_hump: whether pairs have the double-hump kernel as weight; False for the kernel of the gas.
     """
 
     dim: int
@@ -143,11 +151,12 @@ class Work(NamedTuple):
     double_hump: bool
 
 
-class Kicked(NamedTuple):
-    """Results of a kick.
+class KickResult(NamedTuple):
+    """Result of a kick, apart from the velocities that it changes in place.
 
-    uncoupled: indices of the dust particles without gas, or in a cell that was enlarged for lack of particles.
-    stopping_times (n,): stopping times of the dust, inf without gas; or a function that computes them.
+    uncoupled: indices of the dust particles that have no gas near them, or whose drag cell is enlarged for lack of
+    particles. stopping_times (n,): stopping time of each dust particle, inf for particles without gas; or a function
+    without arguments that computes this array.
     """
 
     uncoupled: Array
@@ -155,91 +164,94 @@ class Kicked(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Cells:
-    """Sizes of a scheme's drag cells. A cell is a square block of leaves of a lattice.
+class CellSizes:
+    """Limits of the sizes of a scheme's drag cells. A drag cell is a square of 1, 2, 4, ... by as many leaves.
 
     Attributes
     ----------
     leaf : callable
-        `leaf(scene, number, h_mean, h_least)` returns the smallest allowed side of a leaf in code units. Cells should
-        be `number` gas smoothing lengths wide. `h_mean()` computes the geometric mean of the smoothing lengths;
-        `h_least` is the smallest smoothing length.
-    few : tuple of float
-        Smallest adequate numbers of gas and dust particles in a cell in two dimensions, for dust-to-gas ratios near 1
-        and evenly placed dust; scenes with fewer get a warning.
-    few_random : tuple of float
-        The same numbers for scenes with dust placed at random.
-    share : float
+        `leaf(scene, number, h_mean, h_least)` returns the smallest allowed side of a leaf in code units, if the target
+        side of a cell is `number` smoothing lengths of the gas. `h_mean()` computes the geometric mean of the smoothing
+        lengths, and `h_least` is the smallest smoothing length.
+    adequate : tuple of float
+        Numbers of gas and of dust particles in a cell, in two dimensions. Scenes with fewer get a warning. The numbers
+        hold for dust-to-gas ratios near 1 and evenly placed dust.
+    adequate_random : tuple of float
+        The same numbers for dust placed at random.
+    least_side : float
         Smallest side of a cell, as a fraction of its target side.
-    least : callable, optional
-        `least(scene)` returns the numbers of gas and dust particles below which a cell grows. Without it, only empty
-        cells grow.
+    minimum : callable, optional
+        `minimum(scene)` returns two numbers of particles, of gas and of dust; a run enlarges cells with fewer. Without
+        this function only cells without particles of a species are enlarged.
     """
 
     leaf: Callable[[Scene, float, Callable[[], float], float], float]
-    few: tuple[float, float]
-    few_random: tuple[float, float]
-    share: float = 1.0
-    least: Callable[[Scene], tuple[int, int]] | None = None
+    adequate: tuple[float, float]
+    adequate_random: tuple[float, float]
+    least_side: float = 1.0
+    minimum: Callable[[Scene], tuple[int, int]] | None = None
 
 
 @dataclass(frozen=True)
 class Scheme:
-    """Drag scheme, either of particles (`kick`) or of fluids on a fixed grid (`advance`).
+    """Drag scheme, either for particles (with `kick`) or for fluids on a fixed grid (with `advance`).
 
     Attributes
     ----------
     kick : callable, optional
-        `kick(gas, dust, law, frame, dt, cells, work)` applies accelerations and drag over dt together, and returns
-        `Kicked`. It changes the velocities of gas and dust in place; with one-way drag the caller discards the gas
-        velocities. frame: `kernels.drag.frame.Frame` about the star; its sense of rotation is set only for schemes with
-        cells. cells: result of `build`, or None.
+        `kick(gas, dust, law, frame, dt, cells, context)` applies accelerations and drag over the time dt and returns a
+        `KickResult`. It changes `gas.vel` and `dust.vel` in place. With one-way drag, `gas.vel` is a copy that the
+        caller discards. The arguments are a `Gas`, a `Dust`, a `DragLaw`, a `kernels.drag.frame.Frame` about the star,
+        dt, the result of `build` (None without `build`) and a `KickContext`. The sense of rotation in `frame` is set
+        only for schemes with cells.
     layout : callable, optional
-        `layout(gas, dust, rule, frame, ranks)` returns the `Layout` (`drag/cells.py`) of the drag cells, from
-        positions, velocities and masses. ranks: `OneRank` of `drag/cells.py`, or its counterpart on several ranks.
-        A scheme without `layout` has no cells, and each rank computes the whole kick.
+        `layout(gas, dust, rule, frame, ranks)` returns the `Layout` of the drag cells, from positions, velocities and
+        masses. `rule` is a `CellRule`. `ranks` is a `OneRank`, or its counterpart on several MPI ranks (`drag/cells.py`
+        has `Layout` and `OneRank`). A scheme without `layout` has no cells, and every rank computes the whole kick.
     build : callable, optional
-        `build(gas, dust, rule, layout)` returns the argument `cells` of a kick. With several threads, it runs at the
-        same time as the computation of accelerations.
+        `build(gas, dust, rule, layout)` returns the argument `cells` of a kick. If the run has several threads, `build`
+        runs at the same time as the computation of accelerations.
     advance : callable, optional
-        `advance(law, tube, cells, dt, heating)` returns the fluids in the grid cells of a `ppm.Tube` after dt; `cells`
-        (5, n) has the fluids before. Fluxes take the place of accelerations.
+        `advance(law, tube, cells, dt, heating)` returns the fluids after dt. `cells` (5, n) has the fluids in the grid
+        cells before, which it does not change. `tube` is a `numerics.ppm.Tube`, which computes fluxes; these replace
+        the accelerations of particles. `heating` is true if friction heats the gas.
     limit : callable, optional
-        `limit(gas, dust, law, frame, work)` returns the longest stable step of an explicit scheme, in code units.
+        `limit(gas, dust, law, frame, context)` returns the longest stable step of an explicit scheme in code units.
     rings : int
-        With `layout`: number of rings of nodes around the nine nodes of a cell that affect the particles of this cell;
-        negative for a scheme without nodes.
+        For schemes with `layout` and nodes: the particles of a cell are affected by its nine nodes and by `rings` rings
+        of nodes around them. Negative for a scheme without nodes.
     reads : tuple of str
-        With `layout`: names of the ghost particles' arrays that affect the kick of local particles. With heating, the
-        kick reads `acc` of ghosts too.
+        For schemes with `layout`: names of the arrays of ghost particles that affect the kick of local particles. With
+        heating the kick may read `acc` of ghosts too.
     conserves : bool
-        Whether momentum is conserved to rounding.
+        Whether the kick conserves momentum to rounding.
     sizes : bool
         Whether the grains of a population may have different sizes.
     damps : bool
-        Whether the scheme damps waves too much where h > c_s t_stop.
+        Whether the scheme damps waves too strongly where h > c_s t_stop.
     unused : dict of str to tuple of str
         Keys of [drag] that have no meaning for the scheme, by the reason.
-    cells : Cells, optional
-        Sizes of drag cells, for schemes with `layout`.
+    cells : CellSizes, optional
+        Limits of the sizes of drag cells, for schemes with `layout`.
     nanoseconds : float
-        CPU time in a step, per particle of gas or dust. The default is for schemes that couple pairs of particles.
+        CPU time of one step, per particle of gas or dust. The default is typical of schemes that couple pairs of
+        particles.
     rules : tuple of callable
-        Generators that yield the problems of a scene with this scheme.
+        Generators that yield the problems of a scene that uses this scheme.
     """
 
-    kick: Callable[..., Kicked] | None = None
+    kick: Callable[..., KickResult] | None = None
     layout: Callable[..., Any] | None = None
     build: Callable[..., Any] | None = None
-    advance: Callable[[Law, Tube, Array, float, bool], Array] | None = None
-    limit: Callable[[Gas, Dust, Law, Any, Work], float] | None = None
+    advance: Callable[[DragLaw, Tube, Array, float, bool], Array] | None = None
+    limit: Callable[[Gas, Dust, DragLaw, Any, KickContext], float] | None = None
     rings: int = -1
     reads: tuple[str, ...] = EVERYTHING
     conserves: bool = True
     sizes: bool = False
     damps: bool = False
     unused: Keys = field(default_factory=dict)
-    cells: Cells | None = None
+    cells: CellSizes | None = None
     nanoseconds: float = 3000.0
     rules: tuple[Rule, ...] = ()
 
@@ -250,5 +262,5 @@ class Scheme:
 
     @property
     def on_grid(self) -> bool:
-        """True if gas and dust are fluids on a fixed grid. Each entry of a particle array is then a grid cell."""
+        """True if gas and dust are fluids on a fixed grid. Each row of a particle array is then a grid cell."""
         return self.advance is not None

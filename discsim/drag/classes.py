@@ -1,9 +1,9 @@
-"""Classes of grains that drag kernels treat together.
+"""Classes of grains: the grains of a class in a drag cell have a common stopping time.
 
-A class is a population or, if grains of a population have different sizes, the grains in one range of stopping times.
-All ranges have the same ratio of largest to smallest stopping time in the same gas. The parameters of a class give its
-mean stopping time. Kernels multiply it by the mass-weighted mean of `relative` over the grains of the class in a cell,
-so that a grain alone in a cell has its own stopping time.
+A class is a population or, if grains have individual sizes, the grains in one range of stopping times. In the same gas
+all ranges have the same ratio of largest to smallest stopping time. The parameters of a class are the means over its
+grains. Kernels multiply the stopping time of the class by the mass-weighted mean, over its grains in the cell, of the
+factors `relative`. A grain that is alone in a cell thus has its own stopping time.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discsim.drag.base import EMPTY, NO_ROWS, Law
+from discsim.drag.base import EMPTY, NO_ROWS, DragLaw
 from discsim.formulas.laws import VALUE
 from discsim.numerics import world
 from discsim.physics.grains import has_sizes
@@ -23,12 +23,12 @@ if TYPE_CHECKING:
     from discsim.scene import Scene
 
 Array = np.ndarray
-GROWN = 8  # typical number of classes of grown grains, whose sizes span one to two decades in a disc
-MOST = 32  # largest number of classes; it bounds the memory of tsc, which has sums of each class at every node
+GROWN = 8  # estimate of the number of classes with [growth]; sizes in a disc span one to two decades
+MOST = 32  # largest number of classes; it bounds the memory of tsc, which stores sums of each class at every node
 
 
-def classes_of(scene: Scene) -> int:
-    """Estimate the number of classes from the scene alone."""
+def estimated_class_count(scene: Scene) -> int:
+    """Return an estimate of the number of classes in a run of a scene, from the scene alone."""
     sizes = [dust.grain_size for dust in scene.dust or () if has_sizes(dust)]
     width = math.log(scene.drag.class_width)
     if scene.table("growth") is not None:
@@ -37,17 +37,18 @@ def classes_of(scene: Scene) -> int:
     return min(MOST, sum(held) + len(scene.dust or ()) - len(sizes))
 
 
-def law_of(scene: Scene, law: SceneLaw) -> Law:
-    """Return the law for kicks in which each population is a class."""
+def law_of(scene: Scene, law: SceneLaw) -> DragLaw:
+    """Return the drag law of a scene for kicks in which each population is a class."""
     two_way, exponential = scene.drag.direction == "two-way", scene.drag.integration == "exponential"
-    return Law(law.code, law.grains, law.nonlinear, law.several, two_way, exponential)
+    return DragLaw(law.code, law.grains, law.nonlinear, law.several, two_way, exponential)
 
 
 class Classes:
-    """Classes of the grains of a run.
+    """Classes of the grains of a run, as `sort` found them last.
 
-    law: the law with the parameters of each class. of (n,): class of each grain. relative (n,): stopping time of each
-    grain divided by that of its class; empty if each population is a class.
+    law: drag law with the parameters of each class. of (n,): index of the class of each local grain. relative (n,):
+    stopping time of each local grain divided by the stopping time of its class; empty if each population is a class.
+    width: ln of the ratio of largest to smallest stopping time in a class.
     """
 
     def __init__(self, scene: Scene, law: SceneLaw):
@@ -61,22 +62,22 @@ class Classes:
         return len(self.law.grains)
 
     def sort(self, dust: Any) -> None:
-        """Update the classes and the class of each local grain from the grain sizes. The run must have dust."""
+        """Update `law`, `of` and `relative` if the grains or their sizes have changed. dust: `Particles` of the run."""
         if dust.size is None:
             self.of = dust.species
-        # Particles or sizes that have changed are in a new array.
+        # A change of the particles or of their sizes makes a new array of sizes.
         elif world.processes.most(dust.size is not self._sorted):
             self._sorted = dust.size
-            everyone = world.processes.everyone(dust)  # in the order of a serial run, as the order affects rounding
+            everyone = world.processes.everyone(dust)  # grains of all ranks in serial order, which affects rounding
             self._divide(self._rows(everyone.of(dust.species), everyone.of(dust.size)))
             self.of, self.relative = self.of[everyone.own], self.relative[everyone.own]
 
     def _divide(self, rows: Array) -> None:
-        """Divide grains with the parameters `rows` (n, 5) into classes."""
-        place = np.log(rows[:, VALUE])
-        reach = place.max() - place.min()
-        # Edges at whole multiples of the width, so that classes persist while grains grow.
-        bins = np.floor(place / (self.width * max(1.0, math.ceil(reach / (self.width * (MOST - 1))))))
+        """Divide grains of all ranks with the parameters `rows` (n, 5) into classes."""
+        log = np.log(rows[:, VALUE])
+        extent = log.max() - log.min()
+        # Ranges begin at whole multiples of the width, so that classes persist while grains grow.
+        bins = np.floor(log / (self.width * max(1.0, math.ceil(extent / (self.width * (MOST - 1))))))
         bins = (bins - bins.min()).astype(np.int64)
         count = np.bincount(bins)
         held = count > 0

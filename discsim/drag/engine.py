@@ -1,4 +1,4 @@
-"""Drag engine: calls the scheme of a scene with the arrays of the state, and keeps the results of the last kick."""
+"""Drag engine: passes the arrays of the state to the drag scheme of a scene, and keeps the result of the last kick."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from discsim.drag.base import EMPTY, CellRule, Dust, Gas, Kicked, Law, Scheme, Work
+from discsim.drag.base import EMPTY, CellRule, DragLaw, Dust, Gas, KickContext, KickResult, Scheme
 from discsim.drag.classes import Classes
 from discsim.drag.width import Width
 from discsim.numerics import world
@@ -26,23 +26,23 @@ if TYPE_CHECKING:
     from discsim.numerics.state import State
     from discsim.scene import Scene
 
-cells, clouds, frames = Lazy("discsim.drag.cells"), Lazy("discsim.drag.cloud"), Lazy("discsim.drag.frame")
+cells, dust_density, frames = Lazy("discsim.drag.cells"), Lazy("discsim.drag.dust_density"), Lazy("discsim.drag.frame")
 growth, sph = Lazy("discsim.physics.growth"), Lazy("discsim.numerics.sph")
 Array = np.ndarray
 Seen: TypeAlias = "State | View"
-Prepared: TypeAlias = "tuple[Frame, Any]"  # frame and cells of a kick
+Prepared: TypeAlias = "tuple[Frame, Any]"  # frame of a kick, and its cells or None
 
 
 def moving_mass(dust: DustOfState) -> Array:
-    """Return the masses (n,) of dust particles, 0 for immobile ones."""
+    """Return the masses (n,) of the dust particles, with 0 for immobile particles."""
     return dust.mass if dust.immobile is None else np.where(dust.immobile, 0.0, dust.mass)
 
 
 class Engine:
-    """Drag engine of a run in serial; `ranks/drag.py` has its subclass for several ranks.
+    """Drag engine of a serial run; `ranks/drag.py` has the subclass for several MPI ranks.
 
-    star: central mass and softening at the last kick. buffers: scratch arrays of the scheme. samples: the sampled
-    particles from which the frame is computed.
+    star: central mass and its softening at the last kick. buffers: scratch arrays of the scheme by name. samples: the
+    sampled particles of each species, from whose velocities the frame is computed.
     """
 
     def __init__(self, scene: Scene, star: tuple[float, float]) -> None:
@@ -60,37 +60,39 @@ class Engine:
 
     @property
     def stopping_times(self) -> Array:
-        """Stopping times (n,) of the dust at the last kick, inf without gas. The first access computes them."""
+        """Stopping times (n,) of the dust in the last kick, inf without gas. They are computed at the first access."""
         self._times = times = self._times() if callable(self._times) else self._times
         return times
 
     def uncoupled_share(self, dust: DustOfState) -> float:
-        """Return the fraction of the dust mass that had no gas, or was in an enlarged cell, in the last kick.
+        """Return the fraction of the mobile dust mass that had no gas, or an enlarged cell, in the last kick.
 
-        A kick does not compute this fraction, as its exact sums cost 1% of a step.
+        The fraction is computed here instead of in the kick because its exact sums cost 1% of a step.
         """
         uncoupled = total(self._uncoupled_mass)
         whole = total(moving_mass(dust)) if uncoupled > 0.0 else 0.0
         return uncoupled / whole if whole > 0.0 else 0.0
 
-    def record(self, dust: DustOfState, kicked: Kicked) -> None:
-        """Keep the results of a kick."""
+    def record(self, dust: DustOfState, kicked: KickResult) -> None:
+        """Store the result of a kick, for `stopping_times` and `uncoupled_share`."""
         self._times, self._uncoupled_mass = kicked.stopping_times, moving_mass(dust)[kicked.uncoupled]
 
     def release(self) -> None:
-        """Free the arrays of the last kick."""
+        """Free the memory of the last kick: its stopping times, and the scratch arrays of the scheme."""
         self._times = EMPTY
         self.buffers.clear()
 
     def prepare(self, state: Seen) -> Prepared:
-        """Return the frame and the cells of the next kick."""
+        """Return the frame and the cells of the next kick, for the argument `prepared` of `kick`."""
         self._sort(state)
         return self._build(state, *self._positions(state, state.gas.vel))
 
     def kick(self, state: State, dt: float, gas_vel: Array, heat: Array, prepared: Prepared | None = None) -> None:
-        """Kick dust in place and the gas in `gas_vel` (n, d) by the scheme, and record the results.
+        """Apply accelerations and drag over dt, and record the result.
 
-        heat (n,): output, the heat per mass of each gas particle, if it has entries. prepared: result of `prepare`.
+        The velocities of the dust in `state`, and the gas velocities `gas_vel` (n, d), change in place. Immobile dust
+        keeps its velocity. heat (n,): output, the heat per mass of each gas particle; not written if it is empty.
+        prepared: result of `prepare` for the same positions, if known.
         """
         dust = state.dust
         resting = dust.vel[dust.immobile] if dust.immobile is not None else None
@@ -103,19 +105,17 @@ class Engine:
 
     def limit(self, state: Seen) -> float:
         """Return the longest stable step of an explicit scheme."""
-        assert self.scheme.limit is not None
         return self.scheme.limit(*self.arguments(state))
 
-    def arguments(self, state: Seen) -> tuple[Gas, Dust, Law, Frame, Work]:
-        """Return the arguments with which to call the scheme's `limit`."""
+    def arguments(self, state: Seen) -> tuple[Gas, Dust, DragLaw, Frame, KickContext]:
+        """Return the arguments of the scheme's `limit`: gas, dust, law, frame, context."""
         self.classes.sort(state.dust)
         gas, dust = self._complete(state, *self._positions(state, state.gas.vel))
-        return gas, dust, self.classes.law, self._frame(state), self._work(EMPTY)
+        return gas, dust, self.classes.law, self._frame(state), self._context(EMPTY)
 
     def layout(self, state: Seen) -> Layout:
-        """Return the layout of the drag cells that the scheme would build for a state."""
+        """Return the layout of the drag cells that the scheme builds at a state. The scheme must have cells."""
         self._sort(state)
-        assert self.scheme.layout is not None
         arrays = self._positions(state, state.gas.vel)
         return self.scheme.layout(*arrays, self._rule(state), self._frame(state), cells.OneRank())
 
@@ -124,15 +124,16 @@ class Engine:
         self.classes.sort(state.dust)
         self.star = state.central
 
-    def _relax(self, state: State, dt: float, gas_vel: Array, heat: Array, prepared: Prepared | None) -> Kicked:
+    def _relax(self, state: State, dt: float, gas_vel: Array, heat: Array, prepared: Prepared | None) -> KickResult:
+        """Call the scheme for the arrays of the state; arguments as in `kick`."""
         gas, dust = self._positions(state, gas_vel)
         frame, built = self._build(state, gas, dust) if prepared is None else prepared
         gas, dust = self._complete(state, gas, dust)
         return self._call(gas, dust, frame, dt, built, heat)
 
-    def _call(self, gas: Gas, dust: Dust, frame: Frame, dt: float, built: Any, heat: Array) -> Kicked:
-        assert self.scheme.kick is not None
-        return self.scheme.kick(gas, dust, self.classes.law, frame, dt, built, self._work(heat))
+    def _call(self, gas: Gas, dust: Dust, frame: Frame, dt: float, built: Any, heat: Array) -> KickResult:
+        """Call the scheme. built: cells of the kick, the result of the scheme's `build`; None for a scheme without."""
+        return self.scheme.kick(gas, dust, self.classes.law, frame, dt, built, self._context(heat))
 
     def _build(self, state: Seen, gas: Gas, dust: Dust) -> Prepared:
         """Return the frame of a kick, and its cells if the scheme has any."""
@@ -149,19 +150,19 @@ class Engine:
         return frames.frame_of(state.species, *self.star, self.samples)
 
     def _positions(self, state: Seen, gas_vel: Array) -> tuple[Gas, Dust]:
-        """Return gas and dust with the arrays that cells are built from; the other arrays are empty.
+        """Return gas and dust with the arrays that determine the drag cells; all other arrays are empty.
 
         gas_vel (n, d): velocities of the gas.
         """
-        gas, dust, none = state.gas, state.dust, EMPTY
+        gas, dust = state.gas, state.dust
         order_of_gas, order_of_dust = ((p.global_index, p.unsorted_rows, p.count) for p in (gas, dust))
         return (
-            Gas(gas.pos, gas_vel, none, none, gas.mass, gas.h, none, none, *order_of_gas),
-            Dust(dust.pos, dust.vel, none, none, dust.mass, self.classes.of, none, *order_of_dust),
+            Gas(gas.pos, gas_vel, EMPTY, EMPTY, gas.mass, gas.h, EMPTY, EMPTY, *order_of_gas),
+            Dust(dust.pos, dust.vel, EMPTY, EMPTY, dust.mass, self.classes.of, EMPTY, *order_of_dust),
         )
 
     def _complete(self, state: Seen, gas: Gas, dust: Dust) -> tuple[Gas, Dust]:
-        """Return gas and dust with all arrays of a kick, from the results of `_positions`."""
+        """Return gas and dust with all arrays that a kick needs; gas, dust: results of `_positions`."""
         scene, density = state.scene, state.gas.density
         if state.gas.small is not None:  # small dust that gas carries exerts no drag on grains
             density = density * growth.gas_fraction(scene, state.gas)
@@ -175,33 +176,35 @@ class Engine:
         if state.dust.size is not None:
             return gas, dust._replace(per_grain=self.classes.relative)
         return gas, dust._replace(
-            per_grain=clouds.densities_of_sparse_dust(gas, dust, self.classes.law, self._work(EMPTY), scene)
+            per_grain=dust_density.densities_of_sparse_dust(gas, dust, self.classes.law, self._context(EMPTY), scene)
         )
 
     def _rule(self, state: Seen) -> CellRule:
-        """Return the rule for the sizes of the drag cells at a state."""
+        """Return the rule by which leaves are merged to drag cells at a state."""
         scene, gas, of_scheme = state.scene, state.gas, self.scheme.cells
-        assert of_scheme is not None
         number, length, two_way = self.width.number, scene.drag.cell_length, scene.drag.direction == "two-way"
-        lengths = self.width.counted(gas.pos, gas.h)
-        wanted = length
-        if wanted is None:
+        lengths = self.width.limited_lengths(gas.pos, gas.h)
+        leaf = length
+        if leaf is None:
             h_least = world.processes.least(float(lengths.min(initial=np.inf)))
-            wanted = of_scheme.leaf(scene, number, lambda: float(np.exp(mean(np.log(lengths)))), h_least)
-        lattice = cells.lattice_on(state.grid, self.dim, self.width.rounded * wanted, gas.global_count)
-        # With drag.cell_length a leaf already has the target side; otherwise leaves are merged up to the target side.
+            leaf = of_scheme.leaf(scene, number, lambda: float(np.exp(mean(np.log(lengths)))), h_least)
+        lattice = cells.lattice_on(state.grid, self.dim, self.width.rounded * leaf, gas.global_count)
+        fewest = of_scheme.minimum(scene) if of_scheme.minimum else (1, 0)
+        # With drag.cell_length a leaf already has the side of a cell; otherwise leaves are merged to the smallest side.
         return CellRule(
-            self.dim, self.classes.number, lattice, lengths, of_scheme.share * number, lattice.side if length else 0.0,
-            of_scheme.least(scene) if of_scheme.least else (1, 0), MAX_CELL_GROWTH, 8.0 if self.dim == 1 else 4.0,
-            two_way, state.step + state.earlier,
+            self.dim, self.classes.number, lattice, lengths, of_scheme.least_side * number,
+            lattice.side if length else 0.0, fewest, MAX_CELL_GROWTH, 8.0 if self.dim == 1 else 4.0, two_way,
+            state.step + state.earlier,
         )  # fmt: skip
 
-    def _work(self, heat: Array) -> Work:
+    def _context(self, heat: Array) -> KickContext:
+        """Return the context of a kick. heat (n,): output array for the heat, or an empty array."""
         ratios = [population.ratio for population in self.scene.dust]
         double_hump = self.scene.drag.kernel == "double-hump"
-        return Work(self.dim, self.period, heat, self.buffers, self._new_sph, ratios, double_hump)
+        return KickContext(self.dim, self.period, heat, self.buffers, self._new_sph, ratios, double_hump)
 
     def _new_sph(self) -> Any:
+        """Return an object for SPH sums that need no velocities, with the options of the scene."""
         made = world.processes.sph(sph.Sph, self.scene)
         made.ignore_velocities()
         return made

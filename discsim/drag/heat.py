@@ -1,7 +1,7 @@
-"""Compensation of negative drag heat by the energy of neighbouring gas.
+"""Compensation of negative heat of drag by the energy of neighbouring gas particles.
 
 The heat of drag is the loss of kinetic energy beyond the work of other forces. Its sum over a shock front is right, but
-the heat of a single particle may be negative, and in cold gas exceed the energy of the particle.
+the heat of a single particle may be negative. In cold gas such a particle could lose more than its thermal energy.
 """
 
 from __future__ import annotations
@@ -14,44 +14,45 @@ from discsim.numerics import world
 
 Array = np.ndarray
 
-MOST = 0.25  # largest loss in a kick over a particle's energy; with an equal loss in the prediction, half is left
-SIDES = 1024  # largest number of squares along the longest side
+MOST = 0.25  # largest loss in a kick over a particle's thermal energy; the prediction may lose as much once more
+SIDES = 1024  # largest number of squares along the longer side of the gas
 
 
-def pay_losses(gas: Any, width: float, heat: Array) -> None:
-    """Apply `share_losses` to the gas of all processes, if any particle would lose too much.
+def compensate_losses(gas: Any, width: float, heat: Array) -> None:
+    """Change `heat` in place such that no gas particle of any rank loses more than a quarter of its thermal energy.
 
-    width: side of the smallest squares. heat (n,): heat per mass of local gas, changed in place.
+    gas: `Particles` of the gas. width: side of the smallest squares whose particles share their losses. heat (n,): heat
+    per mass of the local gas.
     """
     if not world.processes.most(bool((heat + MOST * gas.u < 0.0).any())):
         return
     everyone = world.processes.everyone(gas)
     whole = everyone.of(heat)
-    share_losses(everyone.of(gas.pos), everyone.of(gas.mass), everyone.of(gas.u), width, whole)
+    compensate_by_neighbours(everyone.of(gas.pos), everyone.of(gas.mass), everyone.of(gas.u), width, whole)
     heat[:] = whole[everyone.own]
 
 
-def share_losses(pos: Array, mass: Array, u: Array, width: float, heat: Array) -> None:
-    """Change `heat` (n,) in place such that no particle loses more than a quarter of its energy; keep the total heat.
+def compensate_by_neighbours(pos: Array, mass: Array, u: Array, width: float, heat: Array) -> None:
+    """Change `heat` in place such that no particle loses more than a quarter of its energy; the total heat stays.
 
-    u (n,), heat (n,): energy and heat per mass. Particles in the same square give energy to those that lose too much.
-    Squares have the side `width`; their side doubles until all losses are compensated.
+    u, heat (n,): thermal energy and heat per mass. In each square, particles give energy to those that lose too much.
+    Squares have the side `width` at first; their side doubles until all losses are compensated.
     """
-    spare = mass * (heat + MOST * u)
-    if spare.min() >= 0.0:
+    available = mass * (heat + MOST * u)
+    if available.min() >= 0.0:
         return
-    place = pos - pos.min(axis=0)
-    cell = (place / max(width, place.max() / SIDES)).astype(np.int64)
+    offset = pos - pos.min(axis=0)
+    square = (offset / max(width, offset.max() / SIDES)).astype(np.int64)
     while True:
-        index = np.ravel_multi_index(tuple(cell.T), tuple(cell.max(axis=0) + 1))
-        short = spare < 0.0
-        need = np.bincount(index, np.where(short, -spare, 0.0))
-        given = np.bincount(index, np.where(short, 0.0, spare))
-        with np.errstate(over="ignore"):  # in the one of the two that is not used below
-            left = np.where(need > given, 1.0 - given / np.maximum(need, 1e-300), 0.0)[index]
-            kept = np.where(given > need, 1.0 - need / np.maximum(given, 1e-300), 0.0)[index]
-        spare *= np.where(short, left, kept)
-        cell //= 2
-        if len(need) == 1 or spare.min() >= 0.0:
+        index = np.ravel_multi_index(tuple(square.T), tuple(square.max(axis=0) + 1))
+        lacks = available < 0.0
+        lacking = np.bincount(index, np.where(lacks, -available, 0.0))
+        offered = np.bincount(index, np.where(lacks, 0.0, available))
+        with np.errstate(over="ignore"):  # in the quotient that np.where does not use
+            unpaid = np.where(lacking > offered, 1.0 - offered / np.maximum(lacking, 1e-300), 0.0)[index]
+            kept = np.where(offered > lacking, 1.0 - lacking / np.maximum(offered, 1e-300), 0.0)[index]
+        available *= np.where(lacks, unpaid, kept)
+        square //= 2
+        if len(lacking) == 1 or available.min() >= 0.0:
             break
-    heat[:] = spare / mass - MOST * u
+    heat[:] = available / mass - MOST * u

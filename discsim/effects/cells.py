@@ -23,7 +23,6 @@ from discsim.physics.laws import SceneLaw
 if TYPE_CHECKING:
     from discsim.scene import Scene
 
-kernels = Lazy("discsim.kernels.fluid1d.drag")
 ppm = Lazy("discsim.numerics.ppm")
 
 
@@ -114,4 +113,4 @@ class Drag(DragEffect):
         """Return the stopping time of the dust in each cell (n,)."""
         gas, dust = state.gas, state.dust
         sound = thermal_speed(state.scene, gas)
-        return kernels.stopping_times(self.law.code, self.law.grains[0], gas.density, dust.density, sound)
+        return self.law.stopping_time(0, gas.density, sound, np.zeros(len(sound)), dust.density / gas.density)

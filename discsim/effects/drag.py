@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discsim.drag.base import Kicked
-from discsim.drag.classes import classes_of
+from discsim.drag.base import KickResult
+from discsim.drag.classes import estimated_class_count
 from discsim.drag.engine import Engine
 from discsim.effects import base
 from discsim.effects.drag_base import DragEffect
@@ -117,7 +117,7 @@ class Effect(DragEffect):
 
     @classmethod
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
-        more = 1.0 + COST_OF_CLASS * (classes_of(scene) - 1)
+        more = 1.0 + COST_OF_CLASS * (estimated_class_count(scene) - 1)
         return SCHEMES[scene.drag.scheme].nanoseconds * more * (counts.gas + counts.dust)
 
     @classmethod
@@ -187,7 +187,7 @@ class Effect(DragEffect):
         else:
             parallel_for(moves.add_scaled, gas.count, gas.vel if two_way else before, gas.acc, dt, light=True)
             parallel_for(moves.add_scaled, dust.count, dust.vel, dust.acc, dt, light=True)
-            self.engine.record(dust, Kicked(np.arange(dust.count), np.full(dust.count, np.inf)))
+            self.engine.record(dust, KickResult(np.arange(dust.count), np.full(dust.count, np.inf)))
         if not two_way:
             kick_gas(state, dt)
             return
@@ -199,7 +199,7 @@ class Effect(DragEffect):
                 # `heating_rate` has the work of pressure and viscosity at predicted velocities. The difference from
                 # the work at actual velocities is heat, so that the total energy is conserved.
                 heat += dt * np.einsum("ij,ij->i", gas.pressure_acc, gas.pressure_vel - 0.5 * (before + gas.vel))
-                heat_of_drag.pay_losses(gas, mean(gas.h), heat)
+                heat_of_drag.compensate_losses(gas, mean(gas.h), heat)
                 gas.kick_rate += heat / dt
             kick_energy(state, dt)
         if gas.immobile is not None:

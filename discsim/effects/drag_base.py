@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from discsim.drag import cautions
+from discsim.drag.warnings import drag_warnings
 from discsim.effects import base
 from discsim.numerics.state import State
 
@@ -19,7 +19,7 @@ class DragEffect(base.KickEffect):
 
     @classmethod
     def report(cls, scene: Scene, at: base.GasSamples) -> base.Report:
-        return base.Report(warnings=cautions.warnings(scene, at))
+        return base.Report(warnings=drag_warnings(scene, at))
 
     def current_stopping_times(self, state: State) -> np.ndarray:
         """Return the stopping times (n,) of the dust at its present positions. The state does not change."""

@@ -15,20 +15,21 @@ from collections.abc import Iterable
 import numpy as np
 
 Array = np.ndarray
-LEAST = 1e-200  # lower bound of r^2 + s^2, which keeps eq. (1) finite at the centre
+SMALLEST = 1e-200  # lower bound of r^2 + s^2, which keeps eq. (1) finite at the centre
 
 
 def central(about: str, eccentricities: Iterable[float]) -> Array:
-    """Return a mask (n,) of the bodies that are part of the central mass: the star, then each companion.
+    """Return whether each body is part of the central mass (n,): first the star, then the companions.
 
-    about: centre of the disc, "star" or "barycentre"; only "barycentre" includes bound companions.
+    about: centre of the disc, "star" or "barycentre". The star is always part of the central mass; companions with an
+    eccentricity below 1 are part of it only in a disc about the barycentre. eccentricities: of the companions.
     """
     return np.array([True, *(about == "barycentre" and e < 1.0 for e in eccentricities)])
 
 
 def omega(mass: float, radius: Array | float, softening: float) -> Array:
-    """Return the frequency (n,) of circular orbits about a central mass, eq. (1)."""
-    return np.sqrt(mass / np.maximum(np.square(radius) + softening**2, LEAST) ** 1.5)
+    """Return the angular frequency (n,) of circular orbits of `radius` (n,) about a central mass, eq. (1)."""
+    return np.sqrt(mass / np.maximum(np.square(radius) + softening**2, SMALLEST) ** 1.5)
 
 
 def passive_speed(mass: float, aspect_ratio: float, radius: float) -> float:

@@ -19,26 +19,33 @@ without back-reaction. Brownian motion is neglected: it is 0.05 cm/s for a grain
 
 import math
 
-THINNEST = 1e-3  # lower bound of H_d / H: a settled layer stirs itself, and (3) diverges without turbulence
+THINNEST = 1e-3  # lower bound of H_d / H, as (3) diverges without turbulence; a settled layer stirs itself
 
 
 def small_share(size: float, small: float, smallest: float) -> float:
-    """Return the mass fraction of small dust, eq. (1); size: a_r >= a_*, small: a_*, smallest: a_min."""
+    """Return the fraction of the dust mass in grains smaller than a_*, eq. (1).
+
+    size: a_r, the largest size, at least a_*. small: a_*. smallest: a_min.
+    """
     return (math.sqrt(small) - math.sqrt(smallest)) / (math.sqrt(size) - math.sqrt(smallest))
 
 
-def layer(stokes: float, alpha: float) -> float:
-    """Return H_d / H, the relative thickness of the layer of grains, eq. (3)."""
+def layer_thickness(stokes: float, alpha: float) -> float:
+    """Return H_d / H, the scale height of grains with the Stokes number `stokes` over that of the gas, eq. (3)."""
     return max(math.sqrt(alpha / (alpha + stokes)), THINNEST)
 
 
 def midplane_density(small: float, grown: float, height: float, stokes: float, alpha: float) -> float:
-    """Return rho_d from the surface densities of small and grown dust, in gas of scale height `height`, eq. (3)."""
-    return (small + grown / layer(stokes, alpha)) / (math.sqrt(2.0 * math.pi) * height)
+    """Return rho_d, the density of all dust in the midplane, eq. (3).
+
+    small, grown: surface densities of small and of grown dust. height: scale height H of the gas. stokes: Stokes number
+    of the grown dust.
+    """
+    return (small + grown / layer_thickness(stokes, alpha)) / (math.sqrt(2.0 * math.pi) * height)
 
 
 def relative_speed(stokes: float, alpha: float, sound: float, headwind: float) -> float:
-    """Return v_rel of grains, eq. (4); stokes: St, sound: c_s, headwind: eta v_K."""
+    """Return v_rel, the relative speed of colliding grains, eq. (4). stokes: St. sound: c_s. headwind: eta v_K."""
     whole, half = 1.0 / (1.0 + stokes * stokes), 1.0 / (1.0 + 0.25 * stokes * stokes)
     turbulent = 3.0 * alpha * sound * sound * stokes * whole
     radial, azimuthal = headwind * stokes * (2.0 * whole - half), headwind * (whole - half)
@@ -46,7 +53,10 @@ def relative_speed(stokes: float, alpha: float, sound: float, headwind: float) -
 
 
 def fragmentation_size(density: float, speed: float, alpha: float, sound: float, material: float) -> float:
-    """Return a_frag, eq. (6); inf without turbulence. density: Sigma_g, speed: v_frag, sound: c_s, material: rho_s."""
+    """Return a_frag, the largest size that fragmentation allows, eq. (6); inf if `alpha` is 0.
+
+    density: Sigma_g. speed: v_frag; 0 gives a_frag = 0. sound: c_s. material: rho_s.
+    """
     if speed == 0.0:
         return 0.0
     pull = 3.0 * math.pi * material * alpha * sound * sound

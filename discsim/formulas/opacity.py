@@ -6,8 +6,9 @@
                                                       bound-free, free-free   1.5e20 rho T^(-5/2)
                                                       electron scattering     0.348
 
-Each regime begins at the temperature at which it equals the one before. Where two cross, kappa is their minimum at a
-peak and their maximum at a valley, so that it is continuous for any rho.
+Each regime begins at the temperature at which its opacity equals that of the regime before. If kappa has a peak where
+two regimes cross, it is the smaller of their opacities, and if it has a valley, the larger. kappa is thus continuous
+for any rho.
 """
 
 BELL_LIN = (
@@ -20,6 +21,6 @@ BELL_LIN = (
     (1.5e20, 1.0, -2.5),
     (0.348, 0.0, 0.0),
 )  # (k, a, b) in the order of rising temperature
-METALS = 2e17 ** (1.0 / 7.5)  # K, above which metal grains dominate over evaporating ice: 2e16 T^-7 = 0.1 T^(1/2)
-# g/cm3, lower bound of rho in kappa: at this density metal grains still evaporate after ice, and gas is transparent.
+METALS = 2e17 ** (1.0 / 7.5)  # temperature (K) from which on metal grains dominate: 2e16 T^-7 = 0.1 T^(1/2)
+# Lower bound of rho in kappa, in g/cm3: at this density metal grains still evaporate after ice, and gas is transparent.
 THINNEST = 1e-24

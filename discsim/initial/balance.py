@@ -159,7 +159,7 @@ class Equilibrium:
             stokes.append(factor * typical[at])
             loads.append(np.zeros(len(r)))
             pushed.append(None if push is None else push[at])
-        found = nsh.about_circles(
+        found = nsh.drift_about_circular_orbits(
             np.array(stokes), np.array(loads), headwind, omega * r, None if push is None else np.array(pushed)
         )
         if species is None:

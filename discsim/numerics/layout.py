@@ -38,7 +38,9 @@ def grid_cells(scene: Scene, particles: int) -> tuple[float, tuple[int, ...]]:
     return cell, tuple(int(np.ceil(side / cell - 1e-9)) for side in size)
 
 
-def leaves(wanted: float, cell: float, shape: tuple[int, ...], periodic: bool, gas: int) -> tuple[float, list[int]]:
+def leaf_side_and_counts(
+    wanted: float, cell: float, shape: tuple[int, ...], periodic: bool, gas: int
+) -> tuple[float, list[int]]:
     """Return the side of the leaves of drag cells, and the number of leaves along each axis.
 
     wanted: smallest allowed side. cell, shape: side of a grid cell, and number of grid cells along each axis. gas:

@@ -26,7 +26,7 @@ Array = np.ndarray
 
 
 @dataclass(frozen=True)
-class Law:
+class StoppingTimeLaw:
     """Drag law: a law of the stopping time t_stop.
 
     Attributes
@@ -78,7 +78,7 @@ class SceneLaw:
 
     def __init__(self, scene: Scene):
         drag = scene.drag
-        law: Law = LAWS[drag.law]
+        law: StoppingTimeLaw = LAWS[drag.law]
         self.code = law.form
         self.nonlinear = drag.supersonic or law.needs_mean_free_path
         self.populations = len(scene.dust or ())
@@ -98,10 +98,11 @@ class SceneLaw:
         density, sound, omega (n,): density, thermal speed and orbital frequency of the gas. ratio: dust-to-gas mass
         ratio of the population.
         """
-        return kernels.stopping_times(self.code, self.grains[population], ratio, density, sound, omega)
+        ratios = np.full(len(density), ratio)
+        return kernels.stopping_times(self.code, self.grains[population], ratios, density, sound, omega)
 
 
-def _grain(scene: Scene, law: Law, population: Any) -> list[float]:
+def _grain(scene: Scene, law: StoppingTimeLaw, population: Any) -> list[float]:
     """Return the parameters of a dust population, a row of `SceneLaw.grains`."""
     value, faster = law.value(scene, population), formulas.KWOK * scene.drag.supersonic
     if not law.needs_mean_free_path:
@@ -119,7 +120,7 @@ def stopping_times(scene: Scene, density: Array, sound: Array | None, omega: Arr
     """
     if scene.drag is None:
         return []
-    law: Law = LAWS[scene.drag.law]
+    law: StoppingTimeLaw = LAWS[scene.drag.law]
     if (omega is None and scene.space.dimensions in law.orbits) or (sound is None and law.of_grains):
         return []
     unknown = np.full(len(density), np.nan)
@@ -137,7 +138,7 @@ def _epstein_value(scene: Scene, population: Any) -> float:
 
 
 def _value_of_key(key: str) -> Callable[[Scene, Any], float]:
-    """Return a function for `Law.value` that returns the key `key` of [drag]."""
+    """Return a function for `DragLaw.value` that returns the key `key` of [drag]."""
     return lambda scene, population: getattr(scene.drag, key)
 
 
@@ -196,7 +197,7 @@ def _disc_problems(draft: Draft) -> Iterator[Problem]:
         yield ("drag", "law"), f"{wrong}; expected initial.kind = {words} or [background], and [star]"
 
 
-EPSTEIN = Law(
+EPSTEIN = StoppingTimeLaw(
     formulas.EPSTEIN,
     _epstein_value,
     of_grains=True,
@@ -210,21 +211,21 @@ EPSTEIN_STOKES = replace(
     formula=_stokes_formula,
     rules=(_grain_problems, _height_problems, _column_problems),
 )
-CONSTANT = Law(
+CONSTANT = StoppingTimeLaw(
     formulas.CONSTANT,
     _value_of_key("K"),
     "K",
     formula=lambda scene: "rho_d / K",
     uniform_rate=lambda drag, ratio, density: drag.K / density,
 )
-STOPPING_TIME = Law(
+STOPPING_TIME = StoppingTimeLaw(
     formulas.STOPPING_TIME,
     _value_of_key("t_stop"),
     "t_stop",
     uniform_rate=lambda drag, ratio, density: ratio / drag.t_stop,
     uniform_time=lambda drag: drag.t_stop,
 )
-STOKES_NUMBER = Law(
+STOKES_NUMBER = StoppingTimeLaw(
     formulas.STOKES_NUMBER,
     _value_of_key("stokes"),
     "stokes",
@@ -232,7 +233,7 @@ STOKES_NUMBER = Law(
     formula=lambda scene: "stokes / Omega",
     rules=(_orbit_problems,),
 )
-STOKES_OVER_DENSITY = Law(
+STOKES_OVER_DENSITY = StoppingTimeLaw(
     formulas.EPSTEIN,
     _stokes_at_reference,
     "stokes",

@@ -20,7 +20,7 @@ import numpy as np
 from discsim.effects import effect_classes
 from discsim.initial import lattice, start_of, start_time
 from discsim.initial.base import SamplePoints
-from discsim.numerics.layout import MAX_CELL_GROWTH, grid_cells, leaves, side_of_blocks
+from discsim.numerics.layout import MAX_CELL_GROWTH, grid_cells, leaf_side_and_counts, side_of_blocks
 from discsim.parts import EOS, LAWS, SCHEMES, Lazy
 from discsim.physics import laws, profile, viscosity
 from discsim.physics.centre import kepler_omega
@@ -31,7 +31,7 @@ from discsim.scene import Scene
 from discsim.scene.units import Units
 
 if TYPE_CHECKING:
-    from discsim.drag.base import Cells
+    from discsim.drag.base import CellSizes
     from discsim.drag.width import Width
 
 drag_width = Lazy("discsim.drag.width")
@@ -236,7 +236,7 @@ def drag_cell_sides(scene: Scene, at: GasSamples) -> Array | None:
     cell can grow further.
     """
     of_grid, drag = grid(scene), scene.drag
-    cells: Cells | None = SCHEMES[drag.scheme].cells if drag else None
+    cells: CellSizes | None = SCHEMES[drag.scheme].cells if drag else None
     if drag is None or cells is None or not scene.gas or at.h is None or of_grid is None:
         return None
     cell, shape = of_grid
@@ -245,14 +245,14 @@ def drag_cell_sides(scene: Scene, at: GasSamples) -> Array | None:
         mean, least = _mean_and_min_length(scene, width)
         least_leaf = cells.leaf(scene, width.number, lambda: mean, least)
     periodic = scene.space.boundary == "periodic"
-    leaf, _ = leaves(width.rounded * least_leaf, cell, shape, periodic, particle_count(scene, scene.gas))
+    leaf, _ = leaf_side_and_counts(width.rounded * least_leaf, cell, shape, periodic, particle_count(scene, scene.gas))
     side = limit = np.full_like(at.h, leaf)
     if width.number:
         limit = width.number * _limit_lengths(width, at.radius, at.h)
-        side = side_of_blocks(leaf, cells.share * limit)
-    if cells.least is not None:
+        side = side_of_blocks(leaf, cells.least_side * limit)
+    if cells.minimum is not None:
         counts = drag_cell_counts(scene, at, side)
-        few = np.any([count < fewest for count, fewest in zip(counts, cells.least(scene), strict=True)], axis=0)
+        few = np.any([count < fewest for count, fewest in zip(counts, cells.minimum(scene), strict=True)], axis=0)
         side = np.where(few & (2 * side <= MAX_CELL_GROWTH * limit), 2 * side, side)
     return side
 
@@ -282,7 +282,7 @@ def _limit_lengths(width: Width, radius: Array | None, h: Array) -> Array:
 
     If `radius` is None, `h` is returned unchanged.
     """
-    return h if radius is None else width.counted_at(radius, h)
+    return h if radius is None else width.limited_lengths_at(radius, h)
 
 
 def _mean_and_min_length(scene: Scene, width: Width) -> tuple[float, float]:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from mpi4py import MPI
 
-from discsim.kernels.mpi.tiles import in_marked, near_marked, tiles_of
+from discsim.kernels.mpi.tiles import rows_in_marked_tiles, rows_near_marked_tiles, tiles_of
 from discsim.numerics import alloc
 from discsim.numerics.batches import LEAST, bounds_of, update_bounds
 from discsim.numerics.layout import grid_cells
@@ -80,7 +80,7 @@ class Division:
             ends = np.array([begin + self.margin, begin + size - self.margin])
         bounds, others = self.bounds(pos), self.owner != self.comm.rank
         given = pos, bounds, self.margin, ends, self.tiles, others
-        return joined(parallel_for(near_marked, len(bounds), *given, least=LEAST))
+        return joined(parallel_for(rows_near_marked_tiles, len(bounds), *given, least=LEAST))
 
     def bounds(self, pos: Array) -> Array:
         """Return the bounds of batches of positions (n, d), as in `numerics/batches.py`, cached if possible."""
@@ -100,7 +100,7 @@ class Division:
 
         marked (tiles,): mask of tiles. bounds: bounds of the batches of `pos`.
         """
-        return joined(parallel_for(in_marked, len(bounds), pos, bounds, self.tiles, marked, least=LEAST))
+        return joined(parallel_for(rows_in_marked_tiles, len(bounds), pos, bounds, self.tiles, marked, least=LEAST))
 
     def cut(self, species: dict[str, Particles], whole: bool = False) -> bool:
         """Divide the tiles among ranks again if costs are unequal; return whether any owner has changed.

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from mpi4py import MPI
 
-from discsim.drag.base import CellRule, Dust, Gas, Kicked
+from discsim.drag.base import CellRule, Dust, Gas, KickResult
 from discsim.drag.cells import Layout, Merged
 from discsim.drag.engine import Engine, Prepared, Seen
 from discsim.kernels.drag.blocks import LEVELS, MOST
@@ -26,7 +26,7 @@ from discsim.kernels.mpi.halo import (
     block_number_ranges,
     blocks_in,
     mark_blocks,
-    mark_held,
+    mark_blocks_of_leaves,
     mark_top_blocks,
     renumber,
 )
@@ -56,7 +56,7 @@ class DividedDrag(Engine):
         self.division, self.comm, self.heating = division, division.comm, scene.drag.heating
         self.leaves = Leaves(self.comm)
 
-    def _relax(self, state: State, dt: float, gas_vel: Array, heat: Array, prepared: Prepared | None) -> Kicked:
+    def _relax(self, state: State, dt: float, gas_vel: Array, heat: Array, prepared: Prepared | None) -> KickResult:
         gas, dust = self._positions(state, gas_vel)
         if self.scheme.layout is None:
             wides = self._fetch_all(state)
@@ -81,7 +81,7 @@ class DividedDrag(Engine):
     def _kick(
         self, state: State, gas: Gas, dust: Dust, wides: list[Any], frame: Frame, dt: float, built: Any, gas_vel: Array,
         heat: Array,
-    ) -> Kicked:  # fmt: skip
+    ) -> KickResult:  # fmt: skip
         """Kick own particles and ghosts, set the velocities and the heat of own ones, and return results for own dust.
 
         wides: combined gas and dust (`Wide`). built: result of `scheme.build`; None for schemes with pairs. gas_vel,
@@ -95,14 +95,15 @@ class DividedDrag(Engine):
         if self.heating:
             heat[:] = warmed[of_gas.own]
         times = kicked.stopping_times
-        return Kicked(of_dust.own_among(kicked.uncoupled), lambda: (times() if callable(times) else times)[of_dust.own])
+        uncoupled = of_dust.own_among(kicked.uncoupled)
+        return KickResult(uncoupled, lambda: (times() if callable(times) else times)[of_dust.own])
 
     def limit(self, state: Seen) -> float:
-        gas, dust, law, frame, work = self.arguments(state)
+        gas, dust, law, frame, context = self.arguments(state)
         gas, dust = self._with_ghosts((gas, dust), self._fetch_all(state), gas._fields + dust._fields)
         assert self.scheme.limit is not None
         with world.without_communication():
-            return self.scheme.limit(gas, dust, law, frame, work)
+            return self.scheme.limit(gas, dust, law, frame, context)
 
     def _with_ghosts(self, both: tuple[Any, ...], wides: list[Any], reads: tuple[str, ...]) -> tuple[Any, ...]:
         """Return gas and dust with ghosts in the arrays `reads`; all other arrays, except `acc`, have no entries.
@@ -143,7 +144,7 @@ class DividedDrag(Engine):
             blocks.number[-1] = len(blocks.level)  # for particles outside
             own = np.zeros(len(blocks.level), bool)
             held = self.leaves.held(lattice, leaves)
-            parallel_for(mark_held, len(held), held, blocks.number, own, light=True)
+            parallel_for(mark_blocks_of_leaves, len(held), held, blocks.number, own, light=True)
             # Nodes are of one level: a block depends on others of its own side, up to `rings` + 2 away.
             widest = int(blocks.level[own].max(initial=0))
             away = -(-(rings + 2 << widest) // MOST) if rings >= 0 else 0
@@ -179,7 +180,7 @@ def _needed_blocks(blocks: Merged, lattice: Lattice, own: Array, away: int, ring
     needed, held = own.copy(), _masks_of_largest_blocks(blocks, lattice, own)
     some = blocks_in(blocks.first_leaf, widened(held[0], lattice, away) & widened(held[1], lattice, away))
     if len(some) > 0:
-        lattices, found = levels.lattices(*lattice.shape, lattice.joined, LEVELS + 1), own[some]
+        lattices, found = levels.lattice_levels(*lattice.shape, lattice.joined, LEVELS + 1), own[some]
         home, _, about, near = levels.list_nodes(blocks.level[some], blocks.first_leaf[some], lattices, flat)
         mark_blocks(np.flatnonzero(found), home, about, near, rings, found)
         needed[some] = found

@@ -12,7 +12,7 @@ import numpy as np
 
 from discsim.kernels.mpi.batches import BATCH
 from discsim.kernels.mpi.halo import number_runs, particles_in_runs
-from discsim.kernels.mpi.tiles import take_spans
+from discsim.kernels.mpi.tiles import copy_spans
 from discsim.numerics.alloc import grow
 from discsim.numerics.batches import LEAST
 from discsim.numerics.sorting import counting_sort
@@ -207,7 +207,7 @@ def route_to(comm: Comm, key: Array, asked: Asked, of: Array | None = None, batc
     first, last = start[number[asked.first]], start[number[asked.last]]
     until = np.append(0, np.cumsum(last - first))
     rows = np.empty(until[-1], some.dtype)
-    take_spans(0, len(first), some[order][None], np.zeros(len(first), np.int64), first, last, until, rows)
+    copy_spans(0, len(first), some[order][None], np.zeros(len(first), np.int64), first, last, until, rows)
     return Route(comm, np.split(rows, until[np.searchsorted(asked.ranks, np.arange(1, comm.size))]))
 
 

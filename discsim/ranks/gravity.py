@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from mpi4py import MPI
 
-from discsim.kernels.mpi.tiles import leave_own, others_about, rows_in_global_order
+from discsim.kernels.mpi.tiles import particles_near_other_ranks, rows_in_global_order, zero_nodes_of_others
 from discsim.numerics.batches import update_bounds
 from discsim.numerics.grid import Grid, Node
 from discsim.numerics.mesh import Mesh
@@ -70,14 +70,14 @@ class Nodes:
         each of its rows; other columns are not changed.
         """
         x, y = (tiles[k : k + n] for tiles, k, n in zip(self.tiles, first, density.shape, strict=True))
-        parallel_for(leave_own, len(x), x, y, self.owner, self.comm.rank, begin, end, density, least=16)
+        parallel_for(zero_nodes_of_others, len(x), x, y, self.owner, self.comm.rank, begin, end, density, least=16)
 
     def about(self, particles: Particles) -> About:
         """Return the particles of a species that touch the nodes of this rank, with ghosts. Collective."""
         grid, pos = self.grid, particles.pos
         some = self.division.near(pos)
         where = grid.origin, 1.0 / grid.cell, grid.periodic, self.tiles, self.owner, self.comm.rank
-        found = parallel_for(others_about, len(some), some, pos, *where)  # few
+        found = parallel_for(particles_near_other_ranks, len(some), some, pos, *where)  # few
         rows, whose = (joined([each[k] for each in found]) for k in range(2))
         wide = Wide(particles, Route(self.comm, by_rank(rows, whose, self.comm.size)))
         pos, mass = wide.of_all([pos, particles.mass])

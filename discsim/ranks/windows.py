@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from discsim.kernels.common.grid import BAND
-from discsim.kernels.mpi.tiles import put_spans, take_spans
+from discsim.kernels.mpi.tiles import copy_spans, write_spans
 from discsim.numerics.grid import BORDER, Extent, Grid
 from discsim.numerics.threads import parallel_for
 from discsim.ranks.comm import Comm
@@ -126,7 +126,7 @@ class Rows(NamedTuple):
     def take(self, field: Array) -> Array:
         """Return the entries (m,) of a field (x, y) in all spans."""
         out = np.empty(int(self.start[-1]))
-        parallel_for(take_spans, len(self.row), field, *self, out, least=64)  # rows
+        parallel_for(copy_spans, len(self.row), field, *self, out, least=64)  # rows
         return out
 
     def put(self, found: Array, field: Array, add: bool = False) -> None:
@@ -134,4 +134,4 @@ class Rows(NamedTuple):
 
         add: whether to add `found` instead; a row may then be in several spans.
         """
-        put_spans(found, *self, add, field)
+        write_spans(found, *self, add, field)

@@ -8,7 +8,7 @@ from dusty import ISOTHERMAL, scene
 
 from discsim import Simulation
 from discsim.exact import dustybox
-from discsim.kernels.drag.blocks import add_in_units, members_alone, members_of, squares_of
+from discsim.kernels.drag.blocks import add_in_units, block_squares, particles_in_blocks, uncoupled_particles
 
 # Cells that lack a species
 
@@ -246,13 +246,13 @@ def test_members_that_are_alone():
     chosen = np.ones((11, 2), bool)
     chosen[:9] = (rates == 0.0) | enlarged[:, None]
     chosen[count:9] = False
-    found = members_alone(order, start, rates, enlarged, count)
-    assert list(found) == list(members_of(order, start, chosen.ravel()))
+    found = uncoupled_particles(order, start, rates, enlarged, count)
+    assert list(found) == list(particles_in_blocks(order, start, chosen.ravel()))
     assert list(found) == [i for k in np.flatnonzero(chosen.ravel()) for i in order[start[k] : start[k + 1]]]
 
 
 def test_squares_of_blocks():
     leaf, level = np.array([[0, 3], [4, 8], [2, 2]], np.int32), np.array([0, 2, 1])
     corner, side = np.empty((3, 2)), np.empty(3)
-    squares_of(0, 3, leaf, level, np.array([-1.0, 0.5]), (10, 20), 0.25, corner, side)
+    block_squares(0, 3, leaf, level, np.array([-1.0, 0.5]), (10, 20), 0.25, corner, side)
     assert corner.tolist() == [[1.5, 6.25], [2.5, 7.5], [2.0, 6.0]] and side.tolist() == [0.25, 1.0, 0.5]

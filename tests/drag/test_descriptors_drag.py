@@ -25,10 +25,10 @@ du/dt = (V - u) / t_stop
 
 import numpy as np
 
-from discsim.drag.base import NO_CELLS, NO_KERNEL, OWN_INTEGRATION, Kicked, Scheme
+from discsim.drag.base import NO_CELLS, NO_KERNEL, OWN_INTEGRATION, KickResult, Scheme
 
 
-def kick(gas, dust, law, frame, dt, cells, work):
+def kick(gas, dust, law, frame, dt, cells, context):
     gas.vel[:] += dt * gas.acc
     dust.vel[:] += dt * dust.acc
     time = float(law.stopping_time(0, gas.density[:1], gas.thermal_speed[:1], np.zeros(1), 1.0)[0])
@@ -37,7 +37,7 @@ def kick(gas, dust, law, frame, dt, cells, work):
     lost = (grains - mean) * -np.expm1(-(1.0 + loaded) * dt / time) / (1.0 + loaded)
     dust.vel[:] -= lost
     gas.vel[:] += loaded * lost
-    return Kicked(np.arange(0), np.full(len(dust.mass), time))
+    return KickResult(np.arange(0), np.full(len(dust.mass), time))
 
 
 def no_star(draft):
@@ -51,7 +51,7 @@ SCHEME = Scheme(kick, limit=lambda *given: 0.3, conserves=False, damps=True, unu
 '''
 LAW = """
 from discsim.formulas import laws
-from discsim.physics.laws import Law
+from discsim.physics.laws import StoppingTimeLaw
 
 
 def short(draft):
@@ -59,7 +59,7 @@ def short(draft):
         yield ("drag", "t_stop"), "too lazy; expected 5 at most"
 
 
-LAW = Law(laws.STOPPING_TIME, lambda scene, population: 2.0 * scene.drag.t_stop, "t_stop", rules=(short,),
+LAW = StoppingTimeLaw(laws.STOPPING_TIME, lambda scene, population: 2.0 * scene.drag.t_stop, "t_stop", rules=(short,),
           uniform_time=lambda drag: 2.0 * drag.t_stop)
 """
 GAS = '''

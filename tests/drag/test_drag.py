@@ -12,12 +12,12 @@ from scipy.linalg import expm
 
 from discsim import Simulation
 from discsim.drag.cells import merge
-from discsim.drag.heat import pay_losses, share_losses
+from discsim.drag.heat import compensate_by_neighbours, compensate_losses
 from discsim.exact import dustybox
 from discsim.kernels.drag.blocks import IGNORE, INSIDE, NEAR
-from discsim.kernels.drag.coupled import ROOM, relax_coupled
+from discsim.kernels.drag.coupled import SCRATCH_COLUMNS, relax_coupled
 from discsim.kernels.drag.relax import relax_pair, response
-from discsim.kernels.drag.tsc.sharpen import sharpen_slope
+from discsim.kernels.drag.tsc.antidiffusion import restore_slope
 from discsim.numerics import thread_pool
 
 DT = 0.7
@@ -75,7 +75,7 @@ def test_pair_is_the_matrix_exponential(ratio, time):
 
 def changes_of_many(weight, time, y, b):
     change = np.zeros_like(y)
-    relax_coupled(weight, time, y, b, DT, True, np.empty((len(y), ROOM)), change, change)
+    relax_coupled(weight, time, y, b, DT, True, np.empty((len(y), SCRATCH_COLUMNS)), change, change)
     return change
 
 
@@ -462,7 +462,9 @@ def test_few_grains_of_a_cell_share_the_line_of_the_gas(grains):
 
 @pytest.mark.parametrize("direction", ["one-way", "two-way"])
 def test_a_wave_of_slip_stops_to_fourth_order_in_the_cell(direction):
-    """At steps far beyond t_stop: what the clouds of nodes smooth away, of second order, they give back (`sharpen`)."""
+    """At steps far beyond t_stop: what the clouds of nodes smooth away, of second order, they give back
+    (`antidiffusion.py`).
+    """
     place = ((np.arange(256) + 0.5) / 256)[:, None]
     wave, left = np.sin(2 * np.pi * place), []
     for cells in (8, 16):
@@ -495,8 +497,8 @@ def test_slopes_at_nodes_are_of_fourth_order_in_the_cell():
         return inside + 0.5 * quad(of, 0.5, 1.5, epsabs=1e-15)[0]  # of an even function: twice its half
 
     place = np.array([[i, j] for i in (-1.0, 0.0, 1.0) for j in (-1.0, 0.0, 1.0)])
-    nodes = SimpleNamespace(about=np.full((9, 9), -1), sums=np.ones((9, 1, 1)))
-    nodes.about[4] = np.arange(9)
+    nodes = SimpleNamespace(stencil=np.full((9, 9), -1), sums=np.ones((9, 1, 1)))
+    nodes.stencil[4] = np.arange(9)
     errors = []
     for wave in (np.array([0.4, 0.26]), np.array([0.2, 0.13])):
         along = [mean(lambda x, k=k: x * np.sin(k * x)) / mean(lambda x: x * x) for k in wave]
@@ -505,7 +507,7 @@ def test_slopes_at_nodes_are_of_fourth_order_in_the_cell():
         # d/dx and d/dy of v_x = sin and of v_y = 2 cos.
         pooled = np.stack([s * f for s in slope for f in (np.cos(phase), -2.0 * np.sin(phase))], axis=1)
         found = np.empty((9, 4))
-        sharpen_slope.py_func(4, nodes, pooled, found)
+        restore_slope.py_func(4, nodes, pooled, found)
         exact = [k * f for k in wave for f in (np.cos(0.7), -2.0 * np.sin(0.7))]
         errors.append(np.abs(found[4] / exact - 1.0))
     # Measured .0028; what is of second order would be .01.
@@ -559,7 +561,7 @@ def test_losses_are_shared_and_none_pays_more_than_a_quarter(seed, dim, size):
     pos, mass, u = rng.normal(size=(200, dim)), rng.uniform(0.1, 1, 200), 10.0 ** rng.uniform(-6, 0, 200)
     heat = size * rng.normal(size=200)
     before = heat.copy()
-    share_losses(pos, mass, u, 0.1, heat)
+    compensate_by_neighbours(pos, mass, u, 0.1, heat)
     assert mass @ heat == pytest.approx(mass @ before, abs=1e-14 * (np.abs(heat) + np.abs(before) + u).sum())
     if mass @ (before + 0.25 * u) > 0.0:
         assert (heat >= -0.25 * u - 1e-14 * (np.abs(before).max() + u)).all()
@@ -569,7 +571,7 @@ def test_losses_are_paid_nearby():
     """What one lacks comes from its own square, in proportion to what there is; far away nothing changes."""
     pos = np.array([[0.0, 0.0], [0.1, 0.1], [0.2, 0.0], [5.0, 5.0], [9.0, 9.0]])
     u, heat = np.array([0.1, 4.0, 8.0, 7.0, 7.0]), np.array([-0.325, 1.0, 1.0, 2.0, -1.0])
-    share_losses(pos, np.ones(5), u, 1.0, heat)
+    compensate_by_neighbours(pos, np.ones(5), u, 1.0, heat)
     np.testing.assert_allclose(heat, [-0.025, 1.0 - 0.3 * 2.0 / 5.0, 1.0 - 0.3 * 3.0 / 5.0, 2.0, -1.0], rtol=1e-14)
 
 
@@ -580,7 +582,7 @@ def test_losses_of_more_than_a_quarter_are_paid_by_those_around(lost, shared):
     gas = SimpleNamespace(pos=np.array([[0.1, 0.2], [0.3, 0.2], [0.2, 0.4]]), mass=np.array([0.7, 1.1, 0.4]), u=u)
     before = np.array([-lost * u[0], 0.9, 1.6])
     heat = before.copy()
-    pay_losses(gas, 1.0, heat)
+    compensate_losses(gas, 1.0, heat)
     assert gas.mass @ heat == pytest.approx(gas.mass @ before, rel=1e-14)  # rounding of three terms
     assert heat[0] == pytest.approx(-0.25 * u[0] if shared else before[0], rel=1e-14)
     assert (heat[1:] < before[1:]).all() == shared

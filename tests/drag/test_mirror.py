@@ -7,7 +7,7 @@ import pytest
 
 from discsim import Simulation
 from discsim.drag import frame
-from discsim.kernels.drag.frame import Frame, sense_at
+from discsim.kernels.drag.frame import Frame, rotation_sign
 
 SOUND = 0.08
 
@@ -109,11 +109,11 @@ def test_orbits_have_the_sense_of_a_ring_in_its_middle():
     sense = np.array([1.0, 1.0, -1.0, 1.0, -1.0])
     about = Frame(0.7, 0.1, np.log(0.3**2), 2.5, sense)
     middles = 0.3**2 * np.exp((np.arange(5) + 0.5) / 2.5)  # to rounding of logarithms
-    assert [sense_at.py_func(r2, about) for r2 in middles] == pytest.approx(sense, abs=1e-12)
+    assert [rotation_sign.py_func(r2, about) for r2 in middles] == pytest.approx(sense, abs=1e-12)
     quarter = middles[:-1] * np.exp(0.25 / 2.5)
     wanted = 0.75 * sense[:-1] + 0.25 * sense[1:]
-    assert [sense_at.py_func(r2, about) for r2 in quarter] == pytest.approx(wanted, abs=1e-12)
-    assert [sense_at.py_func(r2, about) for r2 in (0.01, 99.0)] == [1.0, -1.0]
+    assert [rotation_sign.py_func(r2, about) for r2 in quarter] == pytest.approx(wanted, abs=1e-12)
+    assert [rotation_sign.py_func(r2, about) for r2 in (0.01, 99.0)] == [1.0, -1.0]
 
 
 def test_the_frame_finds_whom_it_looks_at_where_others_come_and_go(monkeypatch):

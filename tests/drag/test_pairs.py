@@ -9,10 +9,10 @@ from drags import BETWEEN_PAIRS, INTERPOLATING
 from pairs import ISOTHERMAL, both, cloud, kicked, scene
 
 from discsim import Simulation
-from discsim.drag.cloud import guess_h
-from discsim.drag.published.pairs import pair_up
+from discsim.drag.dust_density import h_at_density
+from discsim.drag.published.pairs import find_pairs
 from discsim.exact import dustybox, dustywave
-from discsim.kernels.drag.pairs import hump_norm, limited, shares
+from discsim.kernels.drag.pairs import hump_norm, limited_slope, removed_fractions
 from discsim.kernels.sph.smoothing import KERNELS, NORM, SUPPORT, shape
 
 SCHEMES = (*BETWEEN_PAIRS, *INTERPOLATING)
@@ -29,10 +29,10 @@ every_pair = pytest.mark.parametrize("scheme", BETWEEN_PAIRS)
 def test_pairs_are_all_within_the_support_of_the_gas(dimensions, boundary):
     """Against every distance between 500 and 400 particles, through the edges of a periodic box."""
     sim, _ = kicked("lab14", given=cloud(dimensions, boundary=boundary), boundary=boundary)
-    found = pair_up(*sim.effects["drag"].engine.arguments(sim.state), whole=True)
+    found = find_pairs(*sim.effects["drag"].engine.arguments(sim.state), whole=True)
     assert len(found) == 2
     for pairs in found:
-        away = pairs.cloud.pos[:, None] - sim.gas.pos[None]
+        away = pairs.particles.pos[:, None] - sim.gas.pos[None]
         if boundary == "periodic":
             away -= np.round(away)
         near = np.sqrt((away**2).sum(axis=2)) < SUPPORT[KERNELS["cubic"]] * sim.gas.h
@@ -171,7 +171,7 @@ def test_dust_without_gas_is_free_and_told(scheme):
 )
 def test_limiter(slopes, expected):
     """The mean of two slopes, at most twice either, and none where they are of opposite signs."""
-    assert limited.py_func(*slopes) == limited.py_func(*slopes[::-1]) == expected
+    assert limited_slope.py_func(*slopes) == limited_slope.py_func(*slopes[::-1]) == expected
 
 
 def linear(pos):
@@ -326,7 +326,7 @@ def test_pairs_take_most_in_the_direction_of_the_largest_eigenvalue():
     offset = rng.normal(size=(20, 2)) * [2.0, 0.5]
     offset[2] = 0.0
     found = np.empty(3)
-    shares(0, 3, begin, np.empty(0, np.uint32), offset, pull, mass, found)
+    removed_fractions(0, 3, begin, np.empty(0, np.uint32), offset, pull, mass, found)
     for i, (first, last) in enumerate(itertools.pairwise(begin)):
         r2 = (offset**2).sum(axis=1)
         each = [np.eye(2) if r2[k] == 0.0 else np.outer(offset[k], offset[k]) / r2[k] for k in range(first, last)]
@@ -338,4 +338,4 @@ def test_dust_in_gas_of_next_to_no_density_reaches_as_far_as_it_may():
     """As in gas that a huge sound speed has blown apart."""
     sph = SimpleNamespace(eta=1.2, dim=2, h_most=3.0)
     cloud = SimpleNamespace(sph=sph, mass=np.array([1.0, 1.0, 1.0]))
-    np.testing.assert_allclose(guess_h(cloud, np.array([0.0, 1e-310, 4.0])), [3.0, 3.0, 0.6])
+    np.testing.assert_allclose(h_at_density(cloud, np.array([0.0, 1e-310, 4.0])), [3.0, 3.0, 0.6])

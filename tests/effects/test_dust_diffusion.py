@@ -7,7 +7,7 @@ from runs import on_threads, state_bits
 from scenes import changed, problems
 
 from discsim import Simulation
-from discsim.drag.base import Kicked
+from discsim.drag.base import KickResult
 from discsim.exact import diffusion
 
 BUMP = {"radius": 1.0, "width": 0.1, "height": 4.0}
@@ -242,7 +242,7 @@ def test_circles_stay_circles(sense, softening):
 
     dust.vel[:] = circles()
     before = dust.pos.copy()
-    sim.effects["drag"].engine.record(dust, Kicked(np.arange(0), np.full(dust.count, 0.1)))
+    sim.effects["drag"].engine.record(dust, KickResult(np.arange(0), np.full(dust.count, 0.1)))
     sim.state.velocity_lag = -lag
     effect.move(sim.state, 2.0 * lag)
     assert np.abs(dust.pos - before).max() > 0.01

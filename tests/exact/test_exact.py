@@ -242,7 +242,7 @@ def test_drift_about_circles_balances_the_whole_centrifugal_force(light):
     eta, kepler = np.array([-0.02, 1e-3, 0.03, 0.09, 0.3]), np.array([1.0, 2.0, 0.3, 1.5, 7.0])
     stokes, ratios = 10 ** stream.uniform(-3, 2, (4, 5)), stream.uniform(0.01, 2.0, (4, 5))
     push = light * stream.random((4, 5))
-    found = nsh.about_circles(stokes, ratios, eta * kepler, kepler, push * kepler if light else None)
+    found = nsh.drift_about_circular_orbits(stokes, ratios, eta * kepler, kepler, push * kepler if light else None)
     v, turn, vd, turn_d = (speed / kepler for speed in found)
     turn, turn_d = 1.0 + turn, 1.0 + turn_d
     drag_r, drag_phi = (vd - v) / stokes, (turn_d - turn) / stokes
@@ -258,7 +258,7 @@ def test_drift_about_circles_is_nsh_in_a_thin_disc():
     stokes, ratios = np.array([[0.01], [0.3], [4.0]]), np.array([[0.2], [0.5], [0.1]])
     linear, errors = nsh.of_populations(stokes, ratios, [1.0]), []
     for eta in (1e-4, 1e-5):
-        found = nsh.about_circles(stokes, ratios, [eta * 2.5], [2.5])
+        found = nsh.drift_about_circular_orbits(stokes, ratios, [eta * 2.5], [2.5])
         errors.append(max(np.abs(a / (2.5 * eta) - b).max() for a, b in zip(found, linear, strict=True)))
     assert errors[0] < 3e-4 and errors[1] / errors[0] == pytest.approx(0.1, rel=0.01)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from discsim import Simulation
-from discsim.drag.base import Kicked
+from discsim.drag.base import KickResult
 from discsim.run.forces import PhysicsError
 
 
@@ -30,7 +30,7 @@ def disc(alpha=0.01, stokes=0.1, **tables):
 
 def stopping_times(sim, times):
     """Let the grains of a simulation have stopping times."""
-    sim.effects["drag"].engine.record(sim.dust, Kicked(np.arange(0), times))
+    sim.effects["drag"].engine.record(sim.dust, KickResult(np.arange(0), times))
 
 
 @pytest.mark.parametrize("stokes", [1e-30, 1e30])

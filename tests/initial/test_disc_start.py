@@ -59,7 +59,7 @@ def grains(stokes, ratio, **keys):
 def drift_over_headwind(r, stokes, ratios):
     """Drift about the circles of the gas, of Stokes numbers that rise with r, over the headwind."""
     unit = ASPECT**2 * r**-0.5
-    found = nsh.about_circles(np.outer(stokes, r), np.outer(ratios, np.ones(len(r))), unit, r**-0.5)
+    found = nsh.drift_about_circular_orbits(np.outer(stokes, r), np.outer(ratios, np.ones(len(r))), unit, r**-0.5)
     return nsh.Drift(*(velocity / unit for velocity in found))
 
 

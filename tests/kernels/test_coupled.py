@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
-from discsim.kernels.drag.coupled import ROOM, relax_coupled
+from discsim.kernels.drag.coupled import SCRATCH_COLUMNS, relax_coupled
 from discsim.kernels.drag.relax import response
 
 
@@ -24,7 +24,7 @@ def exact(mass, time, y, b, dt):
 
 def changes(mass, time, y, b, dt, exponential=True):
     slip, drive = np.zeros_like(y), np.zeros_like(y)
-    relax_coupled(mass, time, y, b, dt, exponential, np.empty((len(mass), ROOM)), slip, drive)
+    relax_coupled(mass, time, y, b, dt, exponential, np.empty((len(mass), SCRATCH_COLUMNS)), slip, drive)
     return slip, drive
 
 

@@ -6,10 +6,17 @@ from numba import njit
 
 from discsim.kernels.common import simd
 from discsim.kernels.common.simd import LANES, extract, horizontal_sums, load, sqrt, store, zeros
-from discsim.kernels.drag.tsc.columns import NORMS, ROOM, filled, find_slots, renormalise_weights, weigh
-from discsim.kernels.drag.tsc.gather import give, own_moments
+from discsim.kernels.drag.tsc.columns import (
+    NORMS,
+    SCRATCH_COLUMNS,
+    number_rows,
+    padded_count,
+    renormalise_weights,
+    weigh_by_mass,
+)
+from discsim.kernels.drag.tsc.gather import own_moments, write_contributions
 from discsim.kernels.drag.tsc.nodes import BX, BY, FIELDS, MASS, RHO
-from discsim.kernels.drag.tsc.weights import cloud, evaluate, to_polynomial
+from discsim.kernels.drag.tsc.weights import evaluate, to_polynomial, tsc_weights
 
 
 @njit
@@ -67,7 +74,7 @@ def test_rows_meet_numbers():
 @njit
 def nine(x, y, flat):
     """Weights on the nodes about a cell."""
-    out, along, across = np.empty(9), cloud(x), (0.0, 1.0, 0.0) if flat else cloud(y)
+    out, along, across = np.empty(9), tsc_weights(x), (0.0, 1.0, 0.0) if flat else tsc_weights(y)
     for k in range(9):
         u = along[0] if k < 3 else along[1] if k < 6 else along[2]
         out[k] = u * (across[0] if k % 3 == 0 else across[1] if k % 3 == 1 else across[2])
@@ -98,13 +105,13 @@ def test_polynomials_bring_what_the_weights_do(flat):
 @njit
 def given_by(place, mass, fields, flat, dense, sources):
     count = len(mass)
-    n = filled(count)
-    column, room = np.zeros((FIELDS, n)), np.empty(ROOM * n)
+    n = padded_count(count)
+    column, room = np.zeros((FIELDS, n)), np.empty(SCRATCH_COLUMNS * n)
     column[:, :count] = fields.T
     column[MASS, :count], column[1, :count], column[2, :count] = mass, place[:, 0], place[:, 1]
-    weigh(n, flat, 0, column.ravel(), room)
+    weigh_by_mass(n, flat, 0, column.ravel(), room)
     out, own = np.empty((9, FIELDS)), np.empty((3, FIELDS))
-    give(n, dense, sources, 0, column.ravel(), room, out, 0)
+    write_contributions(n, dense, sources, 0, column.ravel(), room, out, 0)
     own_moments(out, 0, own, 0)
     column[MASS] = 1.0  # ONE, to the nodes
     return column[:, :count].T.copy(), out, own
@@ -134,7 +141,7 @@ def test_what_a_cell_gives_is_the_sum_over_its_particles(count, flat, dense, sou
 
 @njit
 def left_out(n, about, sums, column, room):
-    weigh(n, False, 0, column, room)
+    weigh_by_mass(n, False, 0, column, room)
     renormalise_weights(0, n, about, sums, 0, column, room)
 
 
@@ -142,7 +149,7 @@ def test_no_weight_on_nodes_without_gas():
     """The others have all of it, if there are any; what fills up a column has none, and no NaN."""
     count, n, gas = 5, 8, np.arange(9) % 2 == 0
     place, mass = np.random.default_rng(6).uniform(-0.5, 0.5, (count, 2)), np.arange(1.0, 1.0 + count)
-    column, room = np.zeros((FIELDS, n)), np.full((ROOM, n), np.nan)
+    column, room = np.zeros((FIELDS, n)), np.full((SCRATCH_COLUMNS, n), np.nan)
     column[MASS, :count], column[1, :count], column[2, :count] = mass, place[:, 0], place[:, 1]
     for some in (gas, np.zeros(9, bool)):
         left_out(n, np.arange(9)[None], some[:, None, None] * np.ones((9, 1, FIELDS)), column.ravel(), room.ravel())
@@ -162,7 +169,7 @@ def test_where_sums_and_columns_of_blocks_are(blocks, populations):
     starts = [np.append(0, np.cumsum(np.append(held.ravel(), [9] * 2 * populations))) for held in (gas, dust)]
     slot = np.empty((blocks, 1 + populations), np.int32)
     gas_rows, dust_rows = np.empty(blocks + 1, np.int64), np.empty(blocks * populations + 1, np.int64)
-    assert find_slots(*starts, slot, gas_rows, dust_rows) == blocks + np.count_nonzero(dust)
+    assert number_rows(*starts, slot, gas_rows, dust_rows) == blocks + np.count_nonzero(dust)
     assert list(slot[:, 0]) == list(range(blocks)) and np.all((slot[:, 1:] < 0) == (dust == 0))
     assert list(slot[:, 1:][dust > 0]) == list(range(blocks, blocks + np.count_nonzero(dust)))
     for found, held in ((gas_rows, gas), (dust_rows, dust.ravel())):

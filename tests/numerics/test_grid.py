@@ -10,7 +10,7 @@ from discsim import load_scene
 from discsim.kernels.common.grid import BAND, cell_of, largest_norm
 from discsim.numerics.batches import bounds_of
 from discsim.numerics.grid import Grid
-from discsim.numerics.layout import leaves
+from discsim.numerics.layout import leaf_side_and_counts
 
 OPEN = Grid((-1.0, -0.5), 1 / 16, (32, 16), periodic=False)
 PERIODIC = Grid((0.0, 0.0), 1 / 16, (32, 16), periodic=True)
@@ -137,7 +137,7 @@ def test_an_open_grid_covers_its_space():
 @pytest.mark.parametrize("boundary", ["periodic", "open"])
 def test_drag_cells_of_a_line_are_at_most_four_a_particle(boundary):
     """However fine they are asked for: a billion of them would fill the memory, and be empty."""
-    side, (number,) = leaves(1e-9, 1 / 16, (16,), boundary == "periodic", 64)
+    side, (number,) = leaf_side_and_counts(1e-9, 1 / 16, (16,), boundary == "periodic", 64)
     assert number == 256 and side == pytest.approx(1 / 256, rel=1e-12)
 
 

@@ -15,9 +15,9 @@ from discsim import Simulation
 from discsim.exact import dustybox
 from discsim.formulas import laws as formulas
 from discsim.formulas.laws import EPSTEIN, EPSTEIN_STOKES, KWOK, STOPPING_TIME
-from discsim.kernels.drag.coupled import ROOM
-from discsim.kernels.drag.laws import hastening, stopping_time
-from discsim.kernels.drag.nonlinear import relax_by_speed
+from discsim.kernels.drag.coupled import SCRATCH_COLUMNS
+from discsim.kernels.drag.laws import nonlinear_drag_factor, stopping_time
+from discsim.kernels.drag.nonlinear import relax_nonlinear
 from discsim.kernels.dust.background import Disc, path_at
 from discsim.kernels.dust.background import relax_by_speed as relax_in_disc
 from discsim.parts import LAWS
@@ -46,7 +46,7 @@ def test_stokes_drag_is_half_the_coefficient_times_the_ram_pressure(speed, coeff
     force = 0.5 * coefficient(reynolds) * math.pi * size**2 * rho * speed**2
     mass = 4 / 3 * math.pi * size**3 * material
     time = stopping_time(EPSTEIN_STOKES, grain, 1.0, rho, sound, 0.0)
-    time /= hastening(EPSTEIN_STOKES, grain, rho, sound, 0.0, speed)
+    time /= nonlinear_drag_factor(EPSTEIN_STOKES, grain, rho, sound, 0.0, speed)
     assert time == pytest.approx(mass * speed / force, rel=1e-12)
 
 
@@ -62,7 +62,7 @@ def test_kernels_and_previews_have_one_formula(form):
                 assert formulas.stopping_time(*given) == stopping_time(*given)
             given = form, grain, density, sound, omega, speed
             # Its power 0.4 is that of another library: an ulp or so.
-            assert formulas.hastening(*given) == pytest.approx(hastening(*given), rel=1e-15)
+            assert formulas.nonlinear_drag_factor(*given) == pytest.approx(nonlinear_drag_factor(*given), rel=1e-15)
 
 
 @pytest.mark.parametrize(("law", "given"), [("constant", {"K": 3.0}), ("stopping-time", {"t_stop": 0.3})])
@@ -103,7 +103,8 @@ def test_drag_in_a_disc_is_that_in_the_gas_of_its_midplane(kind, speed):
     (law, grain), rho, sound, omega = GRAINS[kind], 0.3, 2.0, 0.7
     sigma = math.sqrt(2 * math.pi) * rho * sound / omega
     times = [
-        stopping_time(law, grain, 1.0, density, sound, turn) / hastening(law, grain, density, sound, turn, speed)
+        stopping_time(law, grain, 1.0, density, sound, turn)
+        / nonlinear_drag_factor(law, grain, density, sound, turn, speed)
         for density, turn in ((sigma, omega), (rho, 0.0))
     ]
     assert times[0] == pytest.approx(times[1], rel=1e-12)  # rounding
@@ -111,14 +112,16 @@ def test_drag_in_a_disc_is_that_in_the_gas_of_its_midplane(kind, speed):
 
 def test_supersonic_limits():
     """Epstein's drag at high Mach numbers is ram pressure: 1/t ~ w; Kwok's formula joins the two."""
-    slow, fast, faster = (hastening(EPSTEIN, SUPERSONIC, 1.0, 2.0, 0.0, w) for w in (1e-6, 2e3, 4e3))
+    slow, fast, faster = (nonlinear_drag_factor(EPSTEIN, SUPERSONIC, 1.0, 2.0, 0.0, w) for w in (1e-6, 2e3, 4e3))
     assert slow == pytest.approx(1.0, abs=1e-12) and faster == pytest.approx(2 * fast, rel=1e-5)
-    assert hastening(EPSTEIN, SUPERSONIC, 1.0, 2.0, 0.0, 2.0) == pytest.approx(math.sqrt(1 + 9 * math.pi / 128))
+    assert nonlinear_drag_factor(EPSTEIN, SUPERSONIC, 1.0, 2.0, 0.0, 2.0) == pytest.approx(
+        math.sqrt(1 + 9 * math.pi / 128)
+    )
 
 
 @pytest.mark.parametrize("w", [0.0, 0.3, 1e3])
 def test_linear_laws_know_no_speed(w):
-    assert hastening(EPSTEIN, np.array([1.0, 0.0, 0.0, 0.0, 0.0]), 1.0, 1.0, 0.0, w) == 1.0
+    assert nonlinear_drag_factor(EPSTEIN, np.array([1.0, 0.0, 0.0, 0.0, 0.0]), 1.0, 1.0, 0.0, w) == 1.0
 
 
 # Relaxation
@@ -131,7 +134,7 @@ def by_ode(mass, slow, law, grains, y, b, two_way, dt):
         v, out = x.reshape(n, dim), b.copy()
         for s in range(1, n):
             slip = v[s] - v[0]
-            push = hastening(law, grains[s - 1], 1.0, 1.0, 0.0, math.sqrt((slip**2).sum())) / slow[s] * slip
+            push = nonlinear_drag_factor(law, grains[s - 1], 1.0, 1.0, 0.0, math.sqrt((slip**2).sum())) / slow[s] * slip
             out[s] -= push
             if two_way:
                 out[0] += mass[s] / mass[0] * push
@@ -153,7 +156,9 @@ def test_relaxation_by_speed_is_that_of_an_ode_solver(kind, time, populations, t
     y, b, change = 10 * rng.normal(size=(n, 2)), 3 * rng.normal(size=(n, 2)), np.empty((n, 2))
     grains = np.tile(grain, (populations, 1))
     times = slow.copy()
-    relax_by_speed(mass, times, law, grains, 1.0, 1.0, 0.0, y, b, two_way, 1.0, True, True, np.empty((n, ROOM)), change)
+    relax_nonlinear(
+        mass, times, law, grains, 1.0, 1.0, 0.0, y, b, two_way, 1.0, True, True, np.empty((n, SCRATCH_COLUMNS)), change
+    )
     expected = by_ode(mass, slow, law, grains, y, b, two_way, 1.0)
     largest = np.abs(y - y[0]).max()
     np.testing.assert_allclose((y + b + change)[1:], expected[1:], rtol=0, atol=1e-7 * largest)
@@ -168,8 +173,8 @@ def test_a_push_takes_grains_at_rest_in_the_gas_into_quick_drag(kind):
     law, grain = GRAINS[kind]
     mass, slow, y = np.array([1.0, 0.4, 0.7]), np.array([np.inf, 2.3, 0.9]), np.tile([[0.3, -0.2]], (3, 1))
     b, change = np.array([[0.2, 0.1], [9.0, -7.0], [-4.0, 11.0]]), np.empty((3, 2))
-    grains, times, room = np.tile(grain, (2, 1)), slow.copy(), np.empty((3, ROOM))
-    relax_by_speed(mass, times, law, grains, 1.0, 1.0, 0.0, y, b, True, 1.3, True, True, room, change)
+    grains, times, room = np.tile(grain, (2, 1)), slow.copy(), np.empty((3, SCRATCH_COLUMNS))
+    relax_nonlinear(mass, times, law, grains, 1.0, 1.0, 0.0, y, b, True, 1.3, True, True, room, change)
     expected = by_ode(mass, slow, law, grains, y, b, True, 1.3)
     # As of slips at the start: 1e-7 of the largest velocity.
     np.testing.assert_allclose(y + 1.3 * b + change, expected, rtol=0, atol=1e-7 * np.abs(expected).max())
@@ -194,7 +199,9 @@ def test_relaxation_by_speed_is_sane(kind, ratio, time, slip, source, boost):
     def change_of(y, b):
         change = np.empty((2, 1))
         slow = np.array([np.inf, time])
-        relax_by_speed(mass, slow, law, grains, 1.0, 1.0, 0.0, y, b, True, 1.0, True, True, np.empty((2, ROOM)), change)
+        relax_nonlinear(
+            mass, slow, law, grains, 1.0, 1.0, 0.0, y, b, True, 1.0, True, True, np.empty((2, SCRATCH_COLUMNS)), change
+        )
         assert np.isfinite(change).all()
         return change
 
@@ -217,7 +224,7 @@ def slip_by_ode(path, delta, m, a_r, a_phi, dt):
 
     def slope(_, y):
         w = np.hypot(path.radial + y[0], path.azimuthal + y[1] / path.r)
-        rate = formulas.hastened(path.mach2, path.reynolds2, w * w) / path.slow
+        rate = formulas.drag_factor(path.mach2, path.reynolds2, w * w) / path.slow
         more = 1 / path.time - rate
         radial = -y[0] * rate + path.radial * more + a_r + ((spin + y[1]) ** 2 - spin**2) / path.r**3
         return [radial, -y[1] * rate + path.r * (path.azimuthal * more + a_phi)]
@@ -304,7 +311,7 @@ def test_steady_drift_is_exact_at_any_step(kind, dt):
     law, grain = GRAINS[kind]
     path = path_of(law, grain)
     slip = np.hypot(path.radial, path.azimuthal)
-    fast = hastening(law, grain, path.density, path.sound, path.kepler, slip)
+    fast = nonlinear_drag_factor(law, grain, path.density, path.sound, path.kepler, slip)
     assert path.time == pytest.approx(path.slow / fast, rel=1e-11)
     assert fast > 1.0
     found = relax_in_disc(0.0, 0.0, path, 0.0, 0.0, path.r * (path.orbit + path.azimuthal), dt)

@@ -22,13 +22,13 @@ from discsim.kernels.mpi.halo import (
     cells_within_halo,
     cut_blocks,
     mark_blocks,
+    mark_blocks_of_leaves,
     mark_cells,
-    mark_held,
     mark_leaves,
     number_runs,
     particles_in_runs,
 )
-from discsim.kernels.mpi.tiles import leave_own, others_about
+from discsim.kernels.mpi.tiles import particles_near_other_ranks, zero_nodes_of_others
 from discsim.numerics import alloc
 from discsim.numerics.batches import bounds_of
 from discsim.numerics.grid import BORDER, Grid
@@ -71,7 +71,7 @@ def test_others_about_particles(periodic):
     owner, tiles = rng.integers(0, 4, (5, 6)), (np.arange(10) // 2, np.arange(12) // 2)
     pos = rng.uniform(0.0, 1.0, (400, 2)) * [1.0, 1.2]
     some = np.arange(1, 400, 3)
-    rows, whose = others_about(0, len(some), some, pos, grid.origin, 10.0, periodic, tiles, owner, rank)
+    rows, whose = particles_near_other_ranks(0, len(some), some, pos, grid.origin, 10.0, periodic, tiles, owner, rank)
     lonely = 0
     for p in some:
         first, found = np.floor(pos[p] * 10.0 - 0.5).astype(int), whose[rows == p].tolist()
@@ -95,7 +95,7 @@ def test_blocks_of_leaves_that_are_cut_and_added(shape):
     np.testing.assert_array_equal(out, expected)
     np.testing.assert_array_equal(leaves, (gas > 0) | (dust > 0))
     number, held = rng.integers(0, 50, leaves.size + 1), np.zeros(50, bool)
-    mark_held(0, leaves.size, leaves.ravel(), number, held)
+    mark_blocks_of_leaves(0, leaves.size, leaves.ravel(), number, held)
     np.testing.assert_array_equal(np.flatnonzero(held), np.unique(number[:-1][leaves.ravel()]))
     blocks = np.argwhere(np.ones_like(out))
     rows, doubled = np.zeros((len(blocks), 2, side, side)), gas.copy()
@@ -210,10 +210,14 @@ def test_batches_near_marked_blocks(periodic, dim):
     leaf = (leaf % whole if periodic else leaf) - first
     inside = np.all((leaf >= 0) & (leaf < shape), axis=1)
     block = np.where(inside[:, None], leaf, 0).astype(int) // rows
-    in_marked = (inside & marked[block[:, 0], block[:, 1]]).reshape(200, BATCH).any(axis=1)
-    assert in_marked.any() and set(np.flatnonzero(in_marked)) <= set(found.tolist()) and {1, 2} <= set(found.tolist())
+    rows_in_marked_tiles = (inside & marked[block[:, 0], block[:, 1]]).reshape(200, BATCH).any(axis=1)
+    assert (
+        rows_in_marked_tiles.any()
+        and set(np.flatnonzero(rows_in_marked_tiles)) <= set(found.tolist())
+        and {1, 2} <= set(found.tolist())
+    )
     # Besides these, of 200: boxes of 6 leaves, with one more on each side, that meet a block of 8; or are in two turns.
-    assert len(found) < np.count_nonzero(in_marked) + 80
+    assert len(found) < np.count_nonzero(rows_in_marked_tiles) + 80
 
 
 @pytest.mark.parametrize("periodic", [False, True])
@@ -247,7 +251,7 @@ def test_blocks_that_own_ones_hang_on_are_those_of_all_nodes(periodic, rings):
     own = blocks.first_leaf[:, 0] < 90 + 10 * (blocks.first_leaf[:, 1] // 32 % 3)
     away = -(-(rings + 2 << int(blocks.level.max())) // 32)
     found = _needed_blocks(blocks, lattice, own, away, rings, False)
-    lattices = levels.lattices(*shape, joined, LEVELS + 1)
+    lattices = levels.lattice_levels(*shape, joined, LEVELS + 1)
     home, _, about, near = levels.list_nodes(blocks.level, blocks.first_leaf, lattices, False)
     expected = own.copy()
     mark_blocks(np.flatnonzero(own), home, about, near, rings, expected)
@@ -280,7 +284,7 @@ def test_density_of_own_nodes_stays():
     density, (begin, end) = rng.random((30, 20)), np.sort(rng.integers(0, 21, (2, 30)), axis=0)
     others = (owner[np.ix_(x, y)] != 1) & (np.arange(20) >= begin[:, None]) & (np.arange(20) < end[:, None])
     expected = np.where(others, 0.0, density)
-    leave_own(0, 30, x, y, owner, 1, begin, end, density)
+    zero_nodes_of_others(0, 30, x, y, owner, 1, begin, end, density)
     np.testing.assert_array_equal(density, expected)
 
 

@@ -1,4 +1,4 @@
-"""Rules for scenes with a drag scheme on a fixed 1D grid: no tables or keys that need particles or 2D space."""
+"""Rules for scenes with a drag scheme on a fixed 1D grid, which allow no tables or keys of particles or of 2D space."""
 
 from __future__ import annotations
 
@@ -7,19 +7,13 @@ from collections.abc import Iterator
 from discsim.parts import EOS, LAWS
 from discsim.scene.rules import Draft, Problem, starts_where
 
-OF_SPH = (
-    "kernel",
-    "eta",
-    "smoothing_length",
-    "viscosity",
-    "conductivity",
-    "quiet",
-)  # keys of the gas that apply to SPH particles only
+# Keys of [gas] that apply only to SPH particles.
+OF_SPH = ("kernel", "eta", "smoothing_length", "viscosity", "conductivity", "quiet")
 
 
-def _tables(draft: Draft) -> Iterator[Problem]:
-    """Yield problems of tables and keys that do not apply to a fixed grid."""
-    scheme = _named(draft)
+def _problems_of_keys(draft: Draft) -> Iterator[Problem]:
+    """Yield the problems of tables and keys that do not apply to a fixed grid."""
+    scheme = _scheme_as_text(draft)
     if draft.space and draft.dimensions != 1:
         yield ("space", "dimensions"), f"{scheme} is a fixed 1D grid; expected 1"
     for table in ("star", "self_gravity", "external", "background"):
@@ -40,19 +34,17 @@ def _tables(draft: Draft) -> Iterator[Problem]:
         yield ("initial", "kind"), f"{scheme} does not support this start; expected {', '.join(some)} or {last}"
 
 
-def _cells(draft: Draft) -> Iterator[Problem]:
-    """Yield problems of gas and dust that are not in the same cells."""
+def _problems_of_cells(draft: Draft) -> Iterator[Problem]:
+    """Yield the problems of gas and dust that are not in the same cells."""
     if not draft.gas:
         return
-    scheme, cells = _named(draft), draft.gas.particles
+    scheme, cells = _scheme_as_text(draft), draft.gas.particles
     if draft.eos is not None and not draft.eos.on_grid:
         words = " or ".join(f'"{kind}"' for kind, eos in EOS.items() if eos.on_grid)
         yield ("gas", "eos", "kind"), f"{scheme} does not support this equation of state; expected {words}"
     if draft.space and draft.space.cells not in (None, cells):
-        yield (
-            ("space", "cells"),
-            (f"with {scheme} the number of cells is gas.particles; expected {cells}, or this key left out"),
-        )
+        wrong = f"with {scheme} the number of cells is gas.particles"
+        yield ("space", "cells"), f"{wrong}; expected {cells}, or this key left out"
     if draft.dust and len(draft.dust) > 1:
         yield ("dust",), f"{scheme} allows one population of dust; expected one table [[dust]]"
     for i, dust in enumerate(draft.dust or ()):
@@ -64,8 +56,9 @@ def _cells(draft: Draft) -> Iterator[Problem]:
             yield ("dust", i, key), f"{scheme} has gas and dust in the same cells; remove this key"
 
 
-def _named(draft: Draft) -> str:
+def _scheme_as_text(draft: Draft) -> str:
+    """Return the scheme of a scene as text for messages."""
     return f'drag.scheme = "{draft.drag.scheme}"'
 
 
-RULES = (_tables, _cells)
+RULES = (_problems_of_keys, _problems_of_cells)

@@ -5,22 +5,24 @@
     1/t = (1 + rho_j / rho_a) / t_stop
 
 with the number d of dimensions; the gas of a pair gets exactly the opposite. Loren-Aguilar & Bate 2014
-(arXiv:1406.3250) have b = 0 after a kick. With b inside, as in their second paper (2015, arXiv:1509.08374), the slip
-is right at steps beyond t_stop. Momentum and angular momentum are exact, at any step. The scheme damps waves, by
-about (k h)^2 a step. `drag.kernel = "double-hump"` gives distant pairs more weight.
+(arXiv:1406.3250) apply the accelerations in a kick before, and have b = 0. With b in the relaxation, as in their second
+paper (2015, arXiv:1509.08374), the slip is right at steps beyond t_stop. Momentum and angular momentum are exact, at
+any step. The scheme damps waves, by about (k h)^2 a step. `drag.kernel = "double-hump"` gives distant pairs more
+weight.
 
 Where dust is much sparser than gas, the whole impulse of a dust particle would accelerate the gas particles near it
-beyond its own velocity. So the impulses of a pair are scaled down together, by
+beyond its own velocity. Both impulses of a pair are therefore multiplied by
 
     2 / max(2, e_j, e_a),   e_i = max over the pairs (j, a) of i of l_j + l_a                                        (1)
 
-where a pair with slip y exchanges the impulse c y, and l_i is the largest eigenvalue of sum c r^ r^T / m_i over the
-pairs of i. As |sum c y r^|^2 <= m_i l_i sum c y^2 for both particles of each pair, the kinetic energy then changes by
+where the impulse of a pair with slip y is c y, and l_i is the largest eigenvalue of sum c r^ r^T / m_i over the pairs
+of particle i. As |sum c y r^|^2 <= m_i l_i sum c y^2 for both particles of each pair, the kinetic energy then changes
+by
 
     dE = -sum c y^2 + sum_i |sum c y r^|^2 / (2 m_i) <= 0.
 
-If gas and dust have similar numbers of particles, l_j + l_a is about 1 - exp(-dt/t), and no impulse is scaled. Scaled
-impulses couple gas and dust less strongly than the drag law.
+If gas and dust have similar numbers of particles, l_j + l_a is about 1 - exp(-dt/t), and no impulse is scaled. Where
+impulses are scaled down, gas and dust are coupled less strongly than by the drag law.
 """
 
 from __future__ import annotations
@@ -30,65 +32,68 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discsim.drag.base import NO_CELLS, Array, Dust, Gas, Kicked, Law, Scheme, Work
+from discsim.drag.base import NO_CELLS, Array, DragLaw, Dust, Gas, KickContext, KickResult, Scheme
 from discsim.numerics.threads import parallel_for
 from discsim.parts import Lazy
 
 if TYPE_CHECKING:
-    from discsim.drag.cloud import Cloud
+    from discsim.drag.dust_density import DustParticles
     from discsim.drag.published.pairs import Pairs
     from discsim.kernels.drag.frame import Frame
     from discsim.numerics.sph import Sph
 
-    Slopes = Callable[[Sph, Gas | Cloud, Array], Array]
+    Slopes = Callable[[Sph, Gas | DustParticles, Array], Array]
 
 kernels, between = Lazy("discsim.kernels.drag.pairs"), Lazy("discsim.drag.published.pairs")
 
 NO_SLOPES = np.empty((0, 0, 0))
-ALREADY_SORTED = np.empty(0, np.uint32)  # an empty order: pairs are already sorted by dust particle
 
 
-def kick(gas: Gas, dust: Dust, law: Law, frame: Frame, dt: float, cells: Any, work: Work) -> Kicked:
-    return relax_each_pair(gas, dust, law, frame, dt, work, lambda sph, points, vel: NO_SLOPES)
+def kick(gas: Gas, dust: Dust, law: DragLaw, frame: Frame, dt: float, cells: Any, context: KickContext) -> KickResult:
+    """Kick gas and dust in place over dt, as `Scheme.kick`."""
+    return relax_each_pair(gas, dust, law, frame, dt, context, lambda sph, points, vel: NO_SLOPES)
 
 
-def relax_each_pair(gas: Gas, dust: Dust, law: Law, frame: Frame, dt: float, work: Work, slopes: Slopes) -> Kicked:
-    """Relax the slip of each pair by itself.
+def relax_each_pair(
+    gas: Gas, dust: Dust, law: DragLaw, frame: Frame, dt: float, context: KickContext, slopes: Slopes
+) -> KickResult:
+    """Kick gas and dust in place over dt; the slip of each pair relaxes independently of other pairs.
 
-    slopes(sph, points, vel): return the velocity gradients (n, d, d) of a species, by which its velocity is
-    extrapolated to a common point of the pair; an empty array for velocities at the particles.
+    slopes: function `slopes(sph, points, vel)` that returns the velocity gradients (n, d, d) of a species. The
+    velocities of a pair are extrapolated with them to a common point. If it returns an empty array, the slip is that
+    between the two positions. The other arguments are those of `Scheme.kick`.
     """
-    found = between.pair_up(gas, dust, law, frame, work, whole=True)
+    found = between.find_pairs(gas, dust, law, frame, context, whole=True)
 
-    def impulse(pairs: Pairs, vel: Array, gas_seen: Array, pushed: Array) -> None:
-        cloud = pairs.cloud
-        slope, gas_slope = slopes(cloud.sph, cloud, vel), slopes(cloud.sph, gas, gas_seen)
-        pull = np.empty(len(pushed))
+    def impulse(pairs: Pairs, vel: Array, gas_vel: Array, impulses: Array) -> None:
+        particles = pairs.particles
+        slope, gas_slope = slopes(particles.sph, particles, vel), slopes(particles.sph, gas, gas_vel)
+        pull = np.empty(len(impulses))
         parallel_for(
-            kernels.push_by_relaxing, cloud.count,
-            kernels.Couples(pairs.start, pairs.gas, pairs.part, pairs.time), pairs.offset,
-            kernels.Side(gas.mass, gas.density, gas_seen), gas.acc_unshared, gas_slope,
-            kernels.Side(cloud.mass, cloud.density, vel), cloud.acc_unshared, slope,
-            law.two_way, dt, law.exponential, pull, pushed,
+            kernels.relaxation_impulses, particles.count,
+            kernels.PairList(pairs.start, pairs.gas, pairs.part, pairs.time), pairs.offset,
+            kernels.PairSpecies(gas.mass, gas.density, gas_vel), gas.acc_unshared, gas_slope,
+            kernels.PairSpecies(particles.mass, particles.density, vel), particles.acc_unshared, slope,
+            law.two_way, dt, law.exponential, pull, impulses,
         )  # fmt: skip
         if law.two_way:
-            limit_impulses(pairs, gas, pull, pushed)
+            limit_impulses(pairs, gas, pull, impulses)
 
-    between.exchange(gas, dust, law, found, dt, work.heat, impulse, at_once=False)
-    return between.times_in(dust, found)
+    between.kick_by_impulses(gas, dust, law, found, dt, context.heat, impulse, at_once=False)
+    return between.results_of(dust, found)
 
 
-def limit_impulses(pairs: Pairs, gas: Gas, pull: Array, pushed: Array) -> None:
-    """Scale the impulses `pushed` (pairs, d) in place, eq. (1); `pull` (pairs,) has c of each pair."""
-    cloud, count = pairs.cloud, len(gas.mass)
-    one, other = np.empty(cloud.count), np.empty(count)
-    both, gas_both = np.empty(cloud.count), np.empty(count)
-    of_dust, of_gas = (cloud.count, pairs.start, ALREADY_SORTED), (count, pairs.begin, pairs.by_gas)
-    parallel_for(kernels.shares, *of_dust, pairs.offset, pull, cloud.mass, one)
-    parallel_for(kernels.shares, *of_gas, pairs.offset, pull, gas.mass, other)
-    parallel_for(kernels.most_shares, *of_dust, pairs.gas, one, other, both)
-    parallel_for(kernels.most_shares, *of_gas, pairs.dust, other, one, gas_both)
-    parallel_for(kernels.limit_impulses, cloud.count, pairs.start, pairs.gas, both, gas_both, pushed)
+def limit_impulses(pairs: Pairs, gas: Gas, pull: Array, impulses: Array) -> None:
+    """Scale the impulses `impulses` (pairs, d) down, in place, by eq. (1). pull (pairs,): c of each pair."""
+    particles, count = pairs.particles, len(gas.mass)
+    one, other = np.empty(particles.count), np.empty(count)
+    both, gas_both = np.empty(particles.count), np.empty(count)
+    of_dust, of_gas = (particles.count, pairs.start, between.ALREADY_SORTED), (count, pairs.begin, pairs.by_gas)
+    parallel_for(kernels.removed_fractions, *of_dust, pairs.offset, pull, particles.mass, one)
+    parallel_for(kernels.removed_fractions, *of_gas, pairs.offset, pull, gas.mass, other)
+    parallel_for(kernels.largest_pair_sums, *of_dust, pairs.gas, one, other, both)
+    parallel_for(kernels.largest_pair_sums, *of_gas, pairs.dust, other, one, gas_both)
+    parallel_for(kernels.limit_impulses, particles.count, pairs.start, pairs.gas, both, gas_both, impulses)
 
 
 # Damping is too strong where h > c_s t_stop: Laibe & Price (2012), sec. 4.

@@ -3,11 +3,11 @@
     dv_a/dt = a_a + d sum_j m_j K / (rho_a rho_j) (w . r) r / (r^2 + 0.001 h^2) W(r, h_a),  w = u_j - v_a, r = x_j - x_a
     du_j/dt = a_j - d sum_a m_a (the same)
 
-with the number d of dimensions, K = rho_j / t_stop, the dust's sum density rho_j and each particle's own
-acceleration. Monaghan & Kocharyan 1995; Stoyanovskaya et al. 2018 (arXiv:1811.06506), sec. 3.2. Forward Euler: its
-step is limited to about t_stop, and it damps waves where h > c_s t_stop. A pair at one place has no line of sight and
-no drag. Momentum and angular momentum are exact. One-way drag takes its short steps within the kick, as dust must not
-limit the gas.
+with the number d of dimensions, K = rho_j / t_stop, and the SPH density rho_j of the dust. Sources: Monaghan &
+Kocharyan 1995; Stoyanovskaya et al. 2018 (arXiv:1811.06506), sec. 3.2. The time integration is forward Euler. Its step
+is limited to about t_stop, and it damps waves where h > c_s t_stop. Two particles at the same position have no line
+between them, and no drag. Momentum and angular momentum are exact. With one-way drag, the kick takes substeps instead
+of a limit, as the dust must not limit the time step of the gas.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discsim.drag.base import NO_CELLS, OWN_INTEGRATION, Array, Dust, Gas, Kicked, Law, Scheme, Work
+from discsim.drag.base import NO_CELLS, OWN_INTEGRATION, Array, DragLaw, Dust, Gas, KickContext, KickResult, Scheme
 from discsim.numerics.threads import parallel_for
 from discsim.parts import Lazy
 
@@ -27,27 +27,29 @@ if TYPE_CHECKING:
 kernels, between = Lazy("discsim.kernels.drag.pairs"), Lazy("discsim.drag.published.pairs")
 
 
-def kick(gas: Gas, dust: Dust, law: Law, frame: Frame, dt: float, cells: Any, work: Work) -> Kicked:
-    found = between.pair_up(gas, dust, law, frame, work, whole=False)
-    steps = between.short_steps("mk", law, dt, 0.0 if law.two_way else between.fastest(gas, law, work, found))
-    short = dt / steps
+def kick(gas: Gas, dust: Dust, law: DragLaw, frame: Frame, dt: float, cells: Any, context: KickContext) -> KickResult:
+    """Kick gas and dust in place over dt, as `Scheme.kick`."""
+    found = between.find_pairs(gas, dust, law, frame, context, whole=False)
+    steps = between.substep_count("mk", law, dt, 0.0 if law.two_way else between.largest_rate(gas, law, context, found))
+    substep = dt / steps
 
-    def impulse(pairs: Pairs, vel: Array, gas_seen: Array, pushed: Array) -> None:
-        cloud = pairs.cloud
+    def impulse(pairs: Pairs, vel: Array, gas_vel: Array, impulses: Array) -> None:
+        particles = pairs.particles
         parallel_for(
-            kernels.push_explicitly, cloud.count, pairs.start, pairs.gas, pairs.offset, pairs.part, pairs.time, gas.h,
-            cloud.mass, vel, gas_seen, short, pushed,
+            kernels.explicit_impulses, particles.count, pairs.start, pairs.gas, pairs.offset, pairs.part, pairs.time,
+            gas.h, particles.mass, vel, gas_vel, substep, impulses,
         )  # fmt: skip
 
     for _ in range(steps):
-        between.exchange(gas, dust, law, found, short, work.heat, impulse, at_once=True)
-    return between.times_in(dust, found)
+        between.kick_by_impulses(gas, dust, law, found, substep, context.heat, impulse, at_once=True)
+    return between.results_of(dust, found)
 
 
-def limit(gas: Gas, dust: Dust, law: Law, frame: Frame, work: Work) -> float:
-    found = between.pair_up(gas, dust, law, frame, work, whole=False)
+def limit(gas: Gas, dust: Dust, law: DragLaw, frame: Frame, context: KickContext) -> float:
+    """Return the longest stable step, as `Scheme.limit`."""
+    found = between.find_pairs(gas, dust, law, frame, context, whole=False)
     with np.errstate(divide="ignore"):
-        return 1.0 / np.float64(between.fastest(gas, law, work, found))
+        return 1.0 / np.float64(between.largest_rate(gas, law, context, found))
 
 
 # Damping is too strong where h > c_s t_stop: Laibe & Price (2012), sec. 4.

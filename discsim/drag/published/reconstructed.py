@@ -4,10 +4,10 @@
 
 with the slopes G of each species' own velocity (`kernels/drag/slopes.py`) and L the monotonised central limiter of van
 Leer: 0 for slopes of opposite signs, otherwise the smallest of |a + b| / 2, 2 |a| and 2 |b| with their sign. Price &
-Laibe 2020 (arXiv:2005.06562). L gives both slopes one value, so each point between the two particles gives the same
-slip. lab14 also damps velocity differences within a species along r; this scheme does not. Momentum and angular
-momentum are exact, at any step. Impulses of sparse dust are scaled down as in lab14. The proof there that kinetic
-energy decreases holds here only if the slip is the same at both particles.
+Laibe 2020 (arXiv:2005.06562). With the same limited slope L for gas and dust, the slip is the same at every point
+between the two particles. lab14 also damps velocity differences within a species along r; this scheme does not.
+Momentum and angular momentum are exact, at any step. Impulses of sparse dust are scaled down as in lab14. The proof
+there that the kinetic energy decreases holds here only if the slip is the same at both particles.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discsim.drag.base import NO_CELLS, Array, Dust, Gas, Kicked, Law, Scheme, Work
+from discsim.drag.base import NO_CELLS, Array, DragLaw, Dust, Gas, KickContext, KickResult, Scheme
 from discsim.drag.published.lab14 import relax_each_pair
 from discsim.numerics.threads import parallel_for
 from discsim.parts import Lazy
@@ -28,12 +28,16 @@ if TYPE_CHECKING:
 kernels, neighbours = Lazy("discsim.kernels.drag.slopes"), Lazy("discsim.numerics.neighbours")
 
 
-def kick(gas: Gas, dust: Dust, law: Law, frame: Frame, dt: float, cells: Any, work: Work) -> Kicked:
-    return relax_each_pair(gas, dust, law, frame, dt, work, slopes_of)
+def kick(gas: Gas, dust: Dust, law: DragLaw, frame: Frame, dt: float, cells: Any, context: KickContext) -> KickResult:
+    """Kick gas and dust in place over dt, as `Scheme.kick`."""
+    return relax_each_pair(gas, dust, law, frame, dt, context, slopes_of)
 
 
 def slopes_of(sph: Sph, points: Any, vel: Array) -> Array:
-    """Return the gradients (n, d, d) of the velocities `vel` (n, d) of `Gas`, or of a `Cloud` of dust."""
+    """Return the velocity gradients (n, d, d) at the particles of a species.
+
+    points: `Gas`, or `DustParticles`. vel (n, d): velocities.
+    """
     cells = sph.cells_of(points)
     slope, fit = np.empty((len(points.mass), sph.dim, sph.dim)), kernels.slope_driver(sph.kernel, sph.dim)
     parallel_for(

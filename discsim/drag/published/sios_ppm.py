@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from discsim.drag.base import NO_CELLS, NO_KERNEL, OWN_INTEGRATION, Array, Law, Scheme
+from discsim.drag.base import NO_CELLS, NO_KERNEL, OWN_INTEGRATION, Array, DragLaw, Scheme
 from discsim.drag.published.fixed_grid import RULES
 from discsim.parts import Lazy
 
@@ -28,7 +28,8 @@ if TYPE_CHECKING:
 kernels, ppm = Lazy("discsim.kernels.fluid1d.drag"), Lazy("discsim.numerics.ppm")
 
 
-def advance(law: Law, tube: Tube, cells: Array, dt: float, heating: bool) -> Array:
+def advance(law: DragLaw, tube: Tube, cells: Array, dt: float, heating: bool) -> Array:
+    """Return the fluids after dt, as `Scheme.advance`."""
     now = cells
     for part in ppm.STAGES:
         now = tube.add_fluxes(cells, now, part * dt)

@@ -5,19 +5,20 @@ A Y / dt,
 
     (A Y)_j = z_j Y_j + sum_i e_i z_i Y_i,
 
-so slips and sources B change the slips by f(A) Y + g(A) B dt beyond free motion, with f(z) = exp(-z) - 1 and
-g(z) = -f(z) / z - 1. For any z >= 0 both are, to relative errors of 2e-14 and 1e-13,
+so drag changes the slips by f(A) Y + g(A) B dt, with the differences B of the sources (accelerations of one species
+alone), f(z) = exp(-z) - 1 and g(z) = -f(z) / z - 1. The change by B alone without drag, B dt, is not included. For any
+z >= 0, f and g are, to relative errors of 2e-14 and 1e-13,
 
     sum_k Re w_k z / (z - p_k),                                                                           (1)
 
 with p_k the poles of the best rational approximation of degree 16 to exp(-z), one of each conjugate pair (Pusa 2012,
-Nucl. Sci. Eng. 171, 155), and with weights w_k fitted to f and to g. Backward Euler, -z / (1 + z) for both, has one
-pole. For the matrix A each term takes one pass over the populations, as they couple only through the gas. Population j
-changes by
+Nucl. Sci. Eng. 171, 155). The weights w_k are fitted to f and to g. For backward Euler f and g are -z / (1 + z), which
+has one pole. With the matrix A in place of z, each term takes one loop over the populations, as they couple only
+through the gas. Term k changes population j by
 
     Re w_k z_j r_j (Y_j - q),    r_j = 1 / (z_j - p_k),    q = sum_i e_i z_i r_i Y_i / (1 + sum_i e_i z_i r_i),   (2)
 
-and the change of the gas conserves momentum.
+and the gas such that momentum is conserved.
 """
 
 import numpy as np
@@ -46,8 +47,10 @@ FOR_SOURCES = (
 
 
 def table_of(poles, for_slips, for_sources):
-    """Return a table (poles, 10): real and imaginary part of a pole; the real parts of its weights, twice that of slips
-    and twice that of sources; the imaginary parts of these four.
+    """Return a table (poles, 10) of the poles and weights of eq. (1), for `add_pole`.
+
+    Columns: real and imaginary part of the pole; real parts of the weights, twice for slips and twice for sources;
+    imaginary parts in the same order.
     """
     weights = np.repeat(np.stack([for_slips, for_sources], axis=1).astype(complex), 2, axis=1)
     poles = np.array(poles, complex)[:, None]
@@ -56,43 +59,44 @@ def table_of(poles, for_slips, for_sources):
 
 WEIGHT = 2  # column at which the weights begin
 EXPONENTIAL, EULER = table_of(POLES, FOR_SLIPS, FOR_SOURCES), table_of([-1.0], [-1.0], [-1.0])
-MOST = 1e140  # largest z: its square must not overflow
-# Columns of the scratch, one row per population: z, e z, 1 / (z - p) (2 columns); slips (2) and sources (2); the sums
-# over poles of w / (z - p), and of the term with q in eq. (2), each for slips (2) and for sources (2).
-Z, STRENGTH, INVERSE, SLIP, OWN, COMMON, ROOM = 0, 1, 2, LANES, 2 * LANES, 3 * LANES, 4 * LANES
+LARGEST_Z = 1e140  # upper bound of z, whose square must not overflow
+# Columns of the scratch array, which has one row per population: z, e z, real and imaginary part of 1 / (z - p); slips
+# (2) and sources (2); the sum over poles of w / (z - p), and that of the term with q in eq. (2), for slips (2) and
+# sources (2).
+Z, STRENGTH, INVERSE, SLIP, OWN, COMMON, SCRATCH_COLUMNS = 0, 1, 2, LANES, 2 * LANES, 3 * LANES, 4 * LANES
 
 
 @inline_jit
-def take_present(mass, time, y, b, dt, room):
-    """Write the populations that have mass to successive rows of `room`; return their number."""
+def load_populations(mass, time, y, b, dt, scratch):
+    """Write each population with mass to the next row of `scratch`, with sums of 0; return the number of rows."""
     count = 0
     for s in range(1, len(mass)):
         if mass[s] > 0.0:
-            room[count, Z] = min(dt / time[s], MOST)
-            room[count, STRENGTH] = mass[s] / mass[0] * room[count, Z]
-            for f in range(SLIP, ROOM):
-                room[count, f] = 0.0
+            scratch[count, Z] = min(dt / time[s], LARGEST_Z)
+            scratch[count, STRENGTH] = mass[s] / mass[0] * scratch[count, Z]
+            for f in range(SLIP, SCRATCH_COLUMNS):
+                scratch[count, f] = 0.0
             for c in range(y.shape[1]):
-                room[count, SLIP + c] = y[s, c] - y[0, c]
-                room[count, SLIP + 2 + c] = dt * (b[s, c] - b[0, c])
+                scratch[count, SLIP + c] = y[s, c] - y[0, c]
+                scratch[count, SLIP + 2 + c] = dt * (b[s, c] - b[0, c])
             count += 1
     return count
 
 
 @inline_jit
-def add_pole(k, table, count, room):
-    """Add the term of pole k in (1), by eq. (2)."""
-    place, turn = table[k, 0], table[k, 1]
+def add_pole(k, table, count, scratch):
+    """Add the term of pole k in (1) to the sums of all `count` populations in `scratch`, by eq. (2)."""
+    real_part, imaginary_part = table[k, 0], table[k, 1]
     own, other, re, im = 1.0, 0.0, zeros(), zeros()
     for j in range(count):
-        d = room[j, Z] - place
-        inverse = 1.0 / (d * d + turn * turn)
-        real, imaginary = d * inverse, turn * inverse
-        room[j, INVERSE], room[j, INVERSE + 1] = real, imaginary
-        real, imaginary = room[j, STRENGTH] * real, room[j, STRENGTH] * imaginary
+        d = scratch[j, Z] - real_part
+        inverse = 1.0 / (d * d + imaginary_part * imaginary_part)
+        real, imaginary = d * inverse, imaginary_part * inverse
+        scratch[j, INVERSE], scratch[j, INVERSE + 1] = real, imaginary
+        real, imaginary = scratch[j, STRENGTH] * real, scratch[j, STRENGTH] * imaginary
         own += real
         other += imaginary
-        slip = load(room, j * ROOM + SLIP)
+        slip = load(scratch, j * SCRATCH_COLUMNS + SLIP)
         re += real * slip
         im += imaginary * slip
     norm = 1.0 / (own * own + other * other)
@@ -101,34 +105,31 @@ def add_pole(k, table, count, room):
     w_re, w_im = load(table, k * (WEIGHT + 2 * LANES) + WEIGHT), load(table, k * (WEIGHT + 2 * LANES) + WEIGHT + LANES)
     q_re, q_im = w_re * re - w_im * im, w_re * im + w_im * re
     for j in range(count):
-        real, imaginary, at = room[j, INVERSE], room[j, INVERSE + 1], j * ROOM
-        store(room, at + OWN, load(room, at + OWN) + (real * w_re - imaginary * w_im))
-        store(room, at + COMMON, load(room, at + COMMON) + (real * q_re - imaginary * q_im))
+        real, imaginary, at = scratch[j, INVERSE], scratch[j, INVERSE + 1], j * SCRATCH_COLUMNS
+        store(scratch, at + OWN, load(scratch, at + OWN) + (real * w_re - imaginary * w_im))
+        store(scratch, at + COMMON, load(scratch, at + COMMON) + (real * q_re - imaginary * q_im))
 
 
 @jit_no_alloc
-def relax_coupled(mass, time, y, b, dt, exponential, room, slip, drive):
-    """Add the velocity changes beyond free motion, of the gas (entry 0) and of the populations that have mass.
+def relax_coupled(mass, time, y, b, dt, exponential, scratch, slip, drive):
+    """Add velocity changes by drag over dt to `slip` and `drive`, of the gas (row 0) and populations with mass.
 
-    Changes by slips go to `slip` and changes by sources to `drive`, (n, d) each, which may be one array. `room`
-    (n, ROOM) is overwritten.
+    Changes due to the initial slips are added to `slip`, and changes due to the sources b to `drive`; both are (n, d),
+    and may be the same array. mass, time (n,): masses and stopping times. y, b (n, d): velocities, and sources, the
+    accelerations of each species alone. scratch (n, SCRATCH_COLUMNS): overwritten.
     """
     table = EXPONENTIAL if exponential else EULER
-    count, at = take_present(mass, time, y, b, dt, room), 0
+    count, at = load_populations(mass, time, y, b, dt, scratch), 0
     for k in range(len(table)):
-        add_pole(k, table, count, room)
+        add_pole(k, table, count, scratch)
     for s in range(1, len(mass)):
         if mass[s] > 0.0:
-            e, begin = mass[s] / mass[0], at * ROOM
-            change = load(room, begin + OWN) * load(room, begin + SLIP) - load(room, begin + COMMON)
-            change = room[at, Z] * change
+            e, begin = mass[s] / mass[0], at * SCRATCH_COLUMNS
+            change = load(scratch, begin + OWN) * load(scratch, begin + SLIP) - load(scratch, begin + COMMON)
+            change = scratch[at, Z] * change
             at += 1
-            slip[s, 0] += extract(change, 0)
-            slip[0, 0] -= e * extract(change, 0)
-            drive[s, 0] += extract(change, 2)
-            drive[0, 0] -= e * extract(change, 2)
-            if y.shape[1] == 2:
-                slip[s, 1] += extract(change, 1)
-                slip[0, 1] -= e * extract(change, 1)
-                drive[s, 1] += extract(change, 3)
-                drive[0, 1] -= e * extract(change, 3)
+            for c in range(y.shape[1]):
+                slip[s, c] += extract(change, c)
+                slip[0, c] -= e * extract(change, c)
+                drive[s, c] += extract(change, 2 + c)
+                drive[0, c] -= e * extract(change, 2 + c)

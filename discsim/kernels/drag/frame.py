@@ -1,4 +1,4 @@
-"""Circular orbits about the star, relative to which drag cells take velocities: eq. (1) of `drag/frame.py`."""
+"""Kepler frame: circular motion about the star that drag cells subtract from velocities, eq. (1) of `drag/frame.py`."""
 
 import math
 from typing import NamedTuple
@@ -11,9 +11,11 @@ from discsim.kernels.common.simd import sqrt
 
 
 class Frame(NamedTuple):
-    """Sense of rotation about the star: `sense` has one entry if it is the same everywhere, else one per ring.
+    """Circular motion about the star, which is subtracted from velocities.
 
-    The first ring begins at ln r^2 = `low`, and `per_ring` rings lie in a unit of ln r^2.
+    star, softening: mass and softening length of the star; star is 0 if there is none. sense: sense of rotation sigma,
+    one number if it is the same everywhere, else one number per ring. low, per_ring: the first ring begins at
+    ln r^2 = low, and `per_ring` rings lie in a unit of ln r^2.
     """
 
     star: float
@@ -25,9 +27,9 @@ class Frame(NamedTuple):
 
 @jit
 def multiples_of(ids, every):
-    """Return the rows of `ids` (n,) that hold whole multiples of `every`, a power of two."""
+    """Return the indices at which `ids` (n,) is a multiple of `every`, a power of two."""
     mask, count = every - 1, 0
-    out = np.empty(len(ids), np.int64)  # few rows qualify, so most of its memory stays untouched
+    out = np.empty(len(ids), np.int64)  # few entries are written, so most of this memory is never touched
     for i in range(index(len(ids))):
         if (ids[i] & mask) == 0:
             out[count] = i
@@ -36,18 +38,18 @@ def multiples_of(ids, every):
 
 
 @jit
-def kepler(r2, star, softening):
-    """Return Omega about a softened star at squared radius r2, a number or a row of `kernels/common/simd.py`."""
+def orbital_frequency(r2, star, softening):
+    """Return the Keplerian Omega about a softened star at squared radius r2, a number or a vector of simd.py."""
     d2 = r2 + softening * softening
     return sqrt(star / (d2 * sqrt(d2)))
 
 
 @jit_subroutine
-def sense_at(r2, frame):
-    """Return sigma at squared radius r2, interpolated between ring centres."""
+def rotation_sign(r2, frame):
+    """Return the sense of rotation sigma at squared radius r2, interpolated between the centres of rings."""
     sense = frame.sense
     if len(sense) == 1:
         return sense[0]
-    at = min(max((math.log(r2) - frame.low) * frame.per_ring - 0.5, 0.0), len(sense) - 1.0)
-    ring = min(int(at), len(sense) - 2)
-    return sense[ring] + (at - ring) * (sense[ring + 1] - sense[ring])
+    place = min(max((math.log(r2) - frame.low) * frame.per_ring - 0.5, 0.0), len(sense) - 1.0)
+    ring = min(int(place), len(sense) - 2)
+    return sense[ring] + (place - ring) * (sense[ring + 1] - sense[ring])

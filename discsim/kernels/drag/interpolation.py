@@ -1,9 +1,10 @@
-"""Interpolation of the velocity of the other species to gas and dust particles, and the rate of drag towards it.
+"""Interpolation of the velocity of the other species to each gas and dust particle, and the rate of drag towards it.
 
-With the pairs of `kernels/drag/pairs.py`, V = m / rho and weights W(r_ja, h_a):
+For pairs of dust particle j and gas particle a (`kernels/drag/pairs.py`) with volumes V = m / rho and the weight
+W(r_ja, h_a):
 
-    dust j:   V(x_j) = sum_a V_a W v_a / sum_a V_a W,        1 / t_stop in the gas in the same way
-    gas a:    U(x_a) = sum_j V_j W u_j / sum_j V_j W,        sum_j m_j W / (rho_a t_stop)
+    dust j:   velocity sum_a V_a W v_a / sum_a V_a W,    rate sum_a V_a W / t_stop / sum_a V_a W
+    gas a:    velocity sum_j V_j W u_j / sum_j V_j W,    rate sum_j m_j W / (rho_a t_stop)
 
 Division by the sums of weights makes the interpolation exact for a uniform velocity.
 """
@@ -12,20 +13,13 @@ from discsim.jit.decorators import jit
 
 
 @jit
-def seen_by_dust(first, last, start, gas, part, gvel, other):
-    """Write the gas velocity (n, d) at each dust particle; the weights `part` (pairs,) of a dust particle sum to 1."""
-    for j in range(first, last):
-        for i in range(other.shape[1]):
-            total = 0.0
-            for k in range(start[j], start[j + 1]):
-                total += part[k] * gvel[gas[k], i]
-            other[j, i] = total
+def drag_on_gas(first, last, by_gas, begin, dust, weight, time, dmass, drho, dvel, rho, rate, pull):
+    """Add the drag of one dust population on each gas particle to `rate` and `pull`.
 
-
-@jit
-def seen_by_gas(first, last, by_gas, begin, dust, weight, time, dmass, drho, dvel, rho, rate, pull):
-    """Add the drag rate (n,) of one population at each gas particle, and to `pull` (n, d) the rate times the
-    interpolated velocity of the population.
+    rate (n,): drag rate. pull (n, d): drag rate times the velocity of the population at the gas particle. The pairs of
+    gas particle a have the indices by_gas[begin[a] : begin[a + 1]]. dust, weight, time (pairs,): dust particle, W and
+    stopping time of each pair. dmass, drho, dvel: masses, densities and velocities of the dust. rho: densities of the
+    gas.
     """
     for a in range(first, last):
         total, mine = 0.0, 0.0
@@ -45,9 +39,10 @@ def seen_by_gas(first, last, by_gas, begin, dust, weight, time, dmass, drho, dve
 
 @jit
 def kick_towards(first, last, rate, other, now, acc, dt, implicit, vel, heat):
-    """Kick over dt, with drag from velocities `now` towards `other` (n, d) at `rate` (n,), explicitly or implicitly.
+    """Add accelerations and drag over dt to `vel` (n, d), and the work of the drag per mass to `heat` (n,).
 
-    Adds the work of the drag per mass to `heat` (n,), unless empty.
+    Drag acts on the velocities `now` (n, d), towards the velocities `other` (n, d), at `rate` (n,). implicit: whether
+    the drag is implicit in the velocity. An empty `heat` is not written.
     """
     for k in range(first, last):
         x = rate[k] * dt

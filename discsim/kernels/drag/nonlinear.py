@@ -1,11 +1,12 @@
-"""Drag whose stopping times depend on the slip: the coupled velocities of a cell, over any dt.
+"""Relaxation of the coupled velocities in a cell over any dt, if stopping times depend on the slip.
 
     dV_s/dt of `kernels/drag/cells.py`, eq. (1), with t_j = t_j(|V_j - V_g|)
 
 The solution takes sub-steps. Each is computed three times, in 1, 2 and 4 parts. A part is an exact linear solution
-with the stopping times at the slip half-way through it (exponential midpoint). Richardson extrapolation in the length
-of the parts gives fourth order. TOLERANCE sets the length of a sub-step, whatever the rates. Momentum is exact. With
-the exponential scheme the result is the exact linear solution where no slip that can arise changes the drag.
+with the stopping times at the slip half-way through the part (exponential midpoint). Richardson extrapolation in the
+length of the parts gives fourth order. TOLERANCE determines the length of a sub-step, at any drag rate. Momentum is
+conserved exactly. If the drag is linear for all slips that can arise, the exponential scheme uses the exact linear
+solution.
 """
 
 import math
@@ -14,31 +15,36 @@ from typing import NamedTuple
 import numpy as np
 
 from discsim.jit.decorators import jit, jit_alloc, jit_subroutine
-from discsim.kernels.drag.laws import hastened, quickening, unhastened
+from discsim.kernels.drag.laws import drag_factor, drag_speed_terms, is_linear_up_to
 from discsim.kernels.drag.relax import relax_means
 
-TOLERANCE = 1e-8  # relative to the largest slip: difference of the last two extrapolations
-ROUNDING = 1e-5  # relative to velocities: smaller slips are rounding, and would shorten sub-steps without end
-MOST = 10_000  # sub-steps, after which errors are accepted
+TOLERANCE = 1e-8  # tolerated difference between the last two extrapolations, relative to the largest slip
+ROUNDING = 1e-5  # slips below this fraction of the velocities are rounding, and would need endless sub-steps
+MOST = 10_000  # number of sub-steps after which errors are accepted
 
 
-class Coupled(NamedTuple):
-    """Gas (entry 0) and populations (n,) that relax, as `relax_means` takes them."""
+class CoupledSpecies(NamedTuple):
+    """Gas (row 0) and dust populations whose velocities relax, as arguments of `relax_means`.
+
+    mass (n,). linear_time (n,): stopping times at zero slip. speed_terms (n, 2): results of `drag_speed_terms`. b
+    (n, d): sources. two_way, exponential, several: as in `DragLaw` of `drag/base.py`.
+    """
 
     mass: np.ndarray
-    slow: np.ndarray  # stopping times at vanishing slip
-    quick: np.ndarray  # (n, 2): `quickening` of each
-    b: np.ndarray  # (n, d)
+    linear_time: np.ndarray
+    speed_terms: np.ndarray
+    b: np.ndarray
     two_way: bool
     exponential: bool
     several: bool | None
 
 
-class Work(NamedTuple):
-    """Scratch arrays of a sub-step.
+class Scratch(NamedTuple):
+    """Scratch arrays of a sub-step, for n species in d dimensions.
 
-    Stopping times; changes; velocities half-way, after 1, 2 and 4 parts (3, n, d), and extrapolated; and for each
-    species the sum of sub-step over stopping time.
+    time (n,): stopping times. change (n, d): velocity changes. half (n, d): velocities half-way through a part. stage
+    (3, n, d): velocities after 1, 2 and 4 parts. best (n, d): extrapolated velocities. steps_over_time (n,): length of
+    the sub-step over the stopping time, summed over its parts. relaxation: scratch of `relax_coupled`.
     """
 
     time: np.ndarray
@@ -46,13 +52,13 @@ class Work(NamedTuple):
     half: np.ndarray
     stage: np.ndarray
     best: np.ndarray
-    mean: np.ndarray
-    room: np.ndarray  # of `relax_coupled`
+    steps_over_time: np.ndarray
+    relaxation: np.ndarray
 
 
 @jit_subroutine
-def slip2_of(y, s):
-    """Return the squared slip of species s."""
+def squared_slip(y, s):
+    """Return the squared slip of population s."""
     total = 0.0
     for c in range(y.shape[1]):
         total += (y[s, c] - y[0, c]) ** 2
@@ -60,51 +66,53 @@ def slip2_of(y, s):
 
 
 @jit
-def advance(them, work, y, at, dt, out):
-    """Write `y` after dt to `out`, with the stopping times at the slips of `at`."""
-    n, dim = y.shape
+def advance_part(species, arrays, y, at, dt, out):
+    """Write to `out` (n, d) the velocities `y` after dt, with stopping times at the slips of the velocities `at`."""
+    (n, dim), terms = y.shape, species.speed_terms
     for s in range(1, n):
-        if them.mass[s] > 0.0:
-            work.time[s] = them.slow[s] / hastened(them.quick[s, 0], them.quick[s, 1], slip2_of(at, s))
+        if species.mass[s] > 0.0:
+            factor = drag_factor(terms[s, 0], terms[s, 1], squared_slip(at, s))
+            arrays.time[s] = species.linear_time[s] / factor
     relax_means(
-        them.mass, work.time, y, them.b, them.two_way, dt, them.exponential, them.several, work.room, work.change
-    )
+        species.mass, arrays.time, y, species.b, species.two_way, dt, species.exponential, species.several,
+        arrays.relaxation, arrays.change,
+    )  # fmt: skip
     for s in range(n):
         for c in range(dim):
-            out[s, c] = y[s, c] + dt * them.b[s, c] + work.change[s, c]
+            out[s, c] = y[s, c] + dt * species.b[s, c] + arrays.change[s, c]
 
 
 @jit
-def next_step(error):
-    """Return the next sub-step over this one.
+def step_ratio(error):
+    """Return the length of the next sub-step divided by that of the last one.
 
-    `error` is in units of the tolerance, and grows with the fourth power of the sub-step.
+    error: error of the last sub-step over the tolerance, which grows with the fourth power of its length.
     """
     return min(4.0, max(0.1, 0.9 * (error + 1e-30) ** -0.25))
 
 
 @jit_subroutine
-def sub_step(them, work, now, step):
-    """Write the velocities `now` after a sub-step to `work.best`, and return the error in units of the tolerance."""
+def sub_step(species, arrays, now, step):
+    """Write the velocities `now` (n, d) after a sub-step to `arrays.best`, and return the error over the tolerance."""
     # Loops copy arrays: assignments of slices would cost seconds of compilation.
     n, dim = now.shape
-    stage, best = work.stage, work.best
+    stage, best = arrays.stage, arrays.best
     for level in range(3):
         part = step / 2.0**level
         for s in range(n):
-            work.mean[s] = 0.0
+            arrays.steps_over_time[s] = 0.0
             for c in range(dim):
                 stage[level, s, c] = now[s, c]
         for _ in range(2**level):
             at = stage[level]
-            advance(them, work, at, at, 0.5 * part, work.half)
-            advance(them, work, at, work.half, part, at)
+            advance_part(species, arrays, at, at, 0.5 * part, arrays.half)
+            advance_part(species, arrays, at, arrays.half, part, at)
             for s in range(1, n):
-                work.mean[s] += part / work.time[s]
+                arrays.steps_over_time[s] += part / arrays.time[s]
     error, scale = 0.0, 0.0
     for s in range(n):
-        if them.mass[s] > 0.0:
-            scale = max(scale, math.sqrt(slip2_of(now, s)), math.sqrt(slip2_of(stage[2], s)))
+        if species.mass[s] > 0.0:
+            scale = max(scale, math.sqrt(squared_slip(now, s)), math.sqrt(squared_slip(stage[2], s)))
             for c in range(dim):
                 first = stage[1, s, c] + (stage[1, s, c] - stage[0, s, c]) / 3.0
                 second = stage[2, s, c] + (stage[2, s, c] - stage[1, s, c]) / 3.0
@@ -115,55 +123,59 @@ def sub_step(them, work, now, step):
 
 
 @jit_subroutine
-def is_linear(them, y, dt):
-    """Return whether no slip during dt changes the drag: drag alone never widens the range of the velocities."""
+def stays_linear(species, y, dt):
+    """Return whether the drag is linear for all slips that can arise during dt.
+
+    Drag alone never increases the largest velocity difference, so the sources limit it.
+    """
     reach = 0.0
     for s in range(1, len(y)):
-        if them.mass[s] > 0.0:
-            reach = max(reach, math.sqrt(slip2_of(y, s)) + dt * math.sqrt(slip2_of(them.b, s)))
+        if species.mass[s] > 0.0:
+            reach = max(reach, math.sqrt(squared_slip(y, s)) + dt * math.sqrt(squared_slip(species.b, s)))
     reach2 = 4.0 * reach * reach
     for s in range(1, len(y)):
-        if them.mass[s] > 0.0 and not unhastened(them.quick[s, 0], them.quick[s, 1], reach2):
+        if species.mass[s] > 0.0 and not is_linear_up_to(species.speed_terms[s, 0], species.speed_terms[s, 1], reach2):
             return False
     return True
 
 
 @jit_alloc
-def relax_by_speed(
-    mass, time, law, grains, density, sound, omega, y, b, two_way, dt, exponential, several, room, change
+def relax_nonlinear(
+    mass, time, law, grains, density, sound, omega, y, b, two_way, dt, exponential, several, scratch, change
 ):
-    """Compute the changes of `relax_means` for slip-dependent drag.
+    """Write to `change` (n, d) the velocity changes of `relax_means`, for drag that depends on the slip.
 
-    `time` (n,) holds the stopping times at vanishing slip before, and their means over the kick afterwards.
+    time (n,): on input the stopping times at zero slip, on output their means over the kick. law, grains: form and
+    parameters of the drag law. density, sound, omega: of the gas. The other arguments are those of `relax_means`.
     """
     n, dim = y.shape
-    slow, quick, rate = np.empty(n), np.zeros((n, 2)), np.zeros(n)
+    linear_time, speed_terms, rate = np.empty(n), np.zeros((n, 2)), np.zeros(n)
     for s in range(n):
-        slow[s] = time[s]
+        linear_time[s] = time[s]
         if s > 0 and mass[s] > 0.0:
-            quick[s, 0], quick[s, 1] = quickening(law, grains[s - 1], density, sound, omega)
-    them = Coupled(mass, slow, quick, b, two_way, exponential, several)
-    if exponential and is_linear(them, y, dt):  # backward Euler is extrapolated too
-        relax_means(mass, time, y, b, two_way, dt, exponential, several, room, change)
+            speed_terms[s, 0], speed_terms[s, 1] = drag_speed_terms(law, grains[s - 1], density, sound, omega)
+    species = CoupledSpecies(mass, linear_time, speed_terms, b, two_way, exponential, several)
+    if exponential and stays_linear(species, y, dt):  # backward Euler is extrapolated too
+        relax_means(mass, time, y, b, two_way, dt, exponential, several, scratch, change)
         return
     start, now = np.empty((n, dim)), np.empty((n, dim))
     for s in range(n):
         for c in range(dim):
             start[s, c] = y[s, c] - y[0, c] if mass[s] > 0.0 else 0.0  # relative to the gas: small numbers in any frame
             now[s, c] = start[s, c]
-    work = Work(time, change, np.empty((n, dim)), np.empty((3, n, dim)), np.empty((n, dim)), np.empty(n), room)
+    arrays = Scratch(time, change, np.empty((n, dim)), np.empty((3, n, dim)), np.empty((n, dim)), np.empty(n), scratch)
     done, step, count = 0.0, dt, 0
     while done < dt:
         count += 1
         step = min(step, dt - done)
-        error = sub_step(them, work, now, step)
+        error = sub_step(species, arrays, now, step)
         if error <= 1.0 or count > MOST:
             for s in range(n):
-                rate[s] += work.mean[s]
+                rate[s] += arrays.steps_over_time[s]
                 for c in range(dim):
-                    now[s, c] = work.best[s, c]
+                    now[s, c] = arrays.best[s, c]
             done = done + step if done + step < dt * (1.0 - 1e-15) else dt
-        step *= next_step(error)
+        step *= step_ratio(error)
     for c in range(dim):
         change[0, c] = 0.0
         for s in range(1, n):
@@ -174,4 +186,4 @@ def relax_by_speed(
         if rate[s] > 0.0:
             time[s] = dt / rate[s]
         elif mass[s] > 0.0:
-            time[s] = slow[s] / hastened(quick[s, 0], quick[s, 1], slip2_of(start, s))
+            time[s] = linear_time[s] / drag_factor(speed_terms[s, 0], speed_terms[s, 1], squared_slip(start, s))

@@ -1,9 +1,9 @@
-"""Pairs of a dust and a gas particle: their list, their weights, and the sums of their exchange.
+"""Pairs of a dust and a gas particle: their list, their weights, and the impulses that they exchange.
 
-Dust j and gas a are a pair where j lies in the support of a, with the weight W(r_ja, h_a) in both directions. The
-list is sorted by dust particle, and `by_gas` orders it by gas particle. The exchange of a pair is computed once, and
-each of the two sums gathers it in a fixed order: momentum is exact, and results are bitwise the same on any number of
-threads.
+Dust particle j and gas particle a are a pair if j lies within the support of a. The weight W(r_ja, h_a) of the pair
+acts in both directions. The list is sorted by dust particle; `by_gas` has the indices of the pairs sorted by gas
+particle. The impulse of a pair is computed once. Each particle then sums its impulses in a fixed order. Momentum is
+therefore exact, and results are bitwise the same on any number of threads.
 """
 
 import functools
@@ -15,19 +15,22 @@ from numba import njit
 
 from discsim.jit.decorators import jit, jit_no_alloc
 from discsim.kernels.common.candidates import most_of, pack_positions
-from discsim.kernels.drag.frame import kepler
-from discsim.kernels.drag.laws import hastening, stopping_time
+from discsim.kernels.drag.frame import orbital_frequency
+from discsim.kernels.drag.laws import nonlinear_drag_factor, stopping_time
 from discsim.kernels.drag.relax import response
 from discsim.kernels.sph.smoothing import NORM, SUPPORT, shape
 
-CLIP = 1e-3  # eta^2 / h^2 of Monaghan & Kocharyan, which keeps r r / (r^2 + eta^2) finite
+CLIP = 1e-3  # eta^2 / h^2 of Monaghan & Kocharyan, which keeps r r / (r^2 + eta^2) finite at r = 0
 
 
 @jit
 def list_pairs(first, last, lists, dust_cells, cells, pos, radius, start, gas, offset):
-    """List the gas whose support holds each dust particle of the cells, and the offset x_dust - x_gas (pairs, d).
+    """Write the pairs of each dust particle in cells `first` to `last` to `gas` (pairs,) and `offset` (pairs, d).
 
-    Where `gas` has no entries only the number of pairs is written, to start[j + 1].
+    gas: index of the gas particle. offset: x_dust - x_gas. The pairs of dust particle j begin at start[j]. If `gas` is
+    empty, only the number of pairs of j is written, to start[j + 1]. lists, dust_cells, cells: candidate neighbours,
+    and cells of dust and of gas, from the neighbour search. pos: positions of the dust. radius: support radius of each
+    gas particle.
     """
     dim = pos.shape[1]
     counting = len(gas) == 0
@@ -58,7 +61,7 @@ def list_pairs(first, last, lists, dust_cells, cells, pos, radius, start, gas, o
 
 
 def hump_norm(kernel: int, dim: int) -> float:
-    """Return the factor that makes q^2 times a kernel a kernel: 1 over the mean of q^2."""
+    """Return the factor by which q^2 times a kernel must be multiplied to be a kernel: one over the mean of q^2."""
     node, weight = np.polynomial.legendre.leggauss(8)
     total = 0.0
     for piece in range(9):  # the splines are polynomials between thirds
@@ -71,9 +74,9 @@ def hump_norm(kernel: int, dim: int) -> float:
 
 @functools.cache
 def weight_driver(kernel: int, dim: int, hump: bool):
-    """Compile the loop that computes the weights W(r, h_a) of pairs.
+    """Return the compiled loop that computes the weights W(r, h_a) of pairs.
 
-    With `hump` they are those of the double hump q^2 W (Laibe & Price 2012, sec. 2.6).
+    hump: whether W is the double hump q^2 W (Laibe & Price 2012, sec. 2.6) instead of the kernel itself.
     """
     sigma = NORM[dim - 1][kernel] * (hump_norm(kernel, dim) if hump else 1.0)
     support = SUPPORT[kernel]
@@ -96,27 +99,32 @@ def weight_driver(kernel: int, dim: int, hump: bool):
 
 
 @jit
-def gather(first, last, start, gas, weight, value, out):
-    """Write the sum of W value_a over the pairs of dust j to out_j."""
+def sum_to_dust(first, last, start, gas, weight, value, out):
+    """Write to `out` (dust, m) the sums of `weight` times `value` (gas, m) over the pairs of each dust particle.
+
+    start, gas, weight: as in `Pairs` of `drag/published/pairs.py`.
+    """
     for j in range(first, last):
-        total = 0.0
-        for k in range(start[j], start[j + 1]):
-            total += weight[k] * value[gas[k]]
-        out[j] = total
+        for i in range(out.shape[1]):
+            total = 0.0
+            for k in range(start[j], start[j + 1]):
+                total += weight[k] * value[gas[k], i]
+            out[j, i] = total
 
 
-class Side(NamedTuple):
-    """Gas or dust of pairs: masses and densities (n,), velocities (n, d)."""
+class PairSpecies(NamedTuple):
+    """Arrays of the gas, or of one dust population: masses and densities (n,), velocities (n, d)."""
 
     mass: np.ndarray
     density: np.ndarray
     vel: np.ndarray
 
 
-class Couples(NamedTuple):
-    """Pairs, those of each dust particle from its `start` on.
+class PairList(NamedTuple):
+    """Pairs of the dust particles of one population; those of dust particle j are start[j] to start[j + 1] - 1.
 
-    Per pair (pairs,): the gas particle, the part V_a W of the dust particle's drag, and the stopping time.
+    gas (pairs,): index of the gas particle. part (pairs,): V_a W, the share of the pair in the drag on its dust
+    particle. time (pairs,): stopping time.
     """
 
     start: np.ndarray
@@ -126,16 +134,18 @@ class Couples(NamedTuple):
 
 
 @jit_no_alloc
-def couple(first, last, pairs, weight, gas, sound, dust, pos, law, grain, nonlinear, star, softening, whole, rate):
-    """Write part and time of the pairs, from their `weight` W, and the rate of each dust particle.
+def weigh_pairs(first, last, pairs, weight, gas, sound, dust, pos, law, grain, nonlinear, star, softening, whole, rate):
+    """Write `pairs.part` and `pairs.time` of each pair, and the drag rate of each dust particle, `rate` (n,).
 
-    With `whole` the parts of a particle sum to one. A stopping time that depends on the slip is that at the pair's
-    present slip.
+    weight (pairs,): W. gas, dust: `PairSpecies`. sound: thermal speed of the gas. pos: positions of the dust. law,
+    grain: form and parameters of the drag law. nonlinear: whether the stopping time depends on the slip; the present
+    slip of the pair is then used. star, softening: mass and softening length of the star. whole: whether the parts of a
+    dust particle are normalised to a sum of one.
     """
     for j in range(first, last):
         omega = 0.0
         if star > 0.0:
-            omega = kepler(pos[j, 0] * pos[j, 0] + pos[j, 1] * pos[j, 1], star, softening)
+            omega = orbital_frequency(pos[j, 0] * pos[j, 0] + pos[j, 1] * pos[j, 1], star, softening)
         total = 0.0
         for k in range(pairs.start[j], pairs.start[j + 1]):
             a = pairs.gas[k]
@@ -146,7 +156,7 @@ def couple(first, last, pairs, weight, gas, sound, dust, pos, law, grain, nonlin
                 slip2 = 0.0
                 for i in range(pos.shape[1]):
                     slip2 += (dust.vel[j, i] - gas.vel[a, i]) ** 2
-                pairs.time[k] /= hastening(law, grain, rho, sound[a], omega, math.sqrt(slip2))
+                pairs.time[k] /= nonlinear_drag_factor(law, grain, rho, sound[a], omega, math.sqrt(slip2))
             total += pairs.part[k]
         rate[j] = 0.0
         for k in range(pairs.start[j], pairs.start[j + 1]):
@@ -156,8 +166,14 @@ def couple(first, last, pairs, weight, gas, sound, dust, pos, law, grain, nonlin
 
 
 @jit
-def gas_rates(first, last, by_gas, begin, dust, part, time, dmass, mass, out):
-    """Add the rate at which pairs change the velocity of a gas particle, sum_j (m_j / m_a) part / time, to `out`."""
+def add_gas_rates(first, last, by_gas, begin, dust, part, time, dmass, mass, out):
+    """Add to `out` (gas,) the rate at which its pairs change the velocity of each gas particle.
+
+    The rate is sum_j (m_j / m_a) part / time.
+
+    The pairs of gas particle a have the indices by_gas[begin[a] : begin[a + 1]]. dust, part, time (pairs,): as in
+    `PairList`. dmass, mass: masses of dust and gas.
+    """
     for a in range(first, last):
         for m in range(begin[a], begin[a + 1]):
             k = by_gas[m]
@@ -165,8 +181,12 @@ def gas_rates(first, last, by_gas, begin, dust, part, time, dmass, mass, out):
 
 
 @jit
-def push_explicitly(first, last, start, gas, offset, part, time, h, mass, vel, gvel, dt, impulse):
-    """Write the impulse of each pair on its dust particle over dt, along the line of sight (`drag/published/mk.py`)."""
+def explicit_impulses(first, last, start, gas, offset, part, time, h, mass, vel, gvel, dt, impulse):
+    """Write to `impulse` (pairs, d) the impulse of each pair on its dust particle over dt, as in the scheme mk.
+
+    The impulse is along the line between the particles, `offset` (pairs, d). h, gvel: smoothing lengths and velocities
+    of the gas. mass, vel: masses and velocities of the dust.
+    """
     dim = offset.shape[1]
     for j in range(first, last):
         for k in range(start[j], start[j + 1]):
@@ -181,30 +201,30 @@ def push_explicitly(first, last, start, gas, offset, part, time, h, mass, vel, g
 
 
 @njit(inline="always")
-def limited(a, b):
-    """Return the monotonised central slope of two slopes (van Leer 1977)."""
+def limited_slope(a, b):
+    """Return the monotonised central slope of the slopes a and b, which is 0 if their signs differ (van Leer 1977)."""
     if a * b <= 0.0:
         return 0.0
     return math.copysign(min(0.5 * abs(a + b), 2.0 * min(abs(a), abs(b))), a)
 
 
 @jit_no_alloc
-def push_by_relaxing(
+def relaxation_impulses(
     first, last, pairs, offset, gas, gas_own, gas_slope, dust, own, slope, two_way, dt, exponential, pull, impulse
 ):
-    """Write the impulse of each pair on its dust particle over dt; the pair's slip relaxes by itself
-    (`drag/published/lab14.py`).
+    """Write to `impulse` (pairs, d) the impulse of each pair on its dust particle over dt, as in the scheme lab14.
 
-    Writes `pull`, the c of eq. (1) there: the impulse that a slip of one along the line of sight loses. `slope` and
-    `gas_slope` (n, d, d), d v_c / d x_a at [a, c], extrapolate the slip to a common point, as in
-    `drag/published/reconstructed.py`; without entries the slip is that between the two positions. `own` has no entries
-    if dust has no sources.
+    The slip of each pair relaxes independently of other pairs. Writes to `pull` (pairs,) the number c of eq. (1) of
+    `drag/published/lab14.py`: the impulse is c times the slip along the line between the particles. gas, dust:
+    `PairSpecies`. gas_own, own (n, d): sources, accelerations of gas and of dust alone; `own` may be empty. gas_slope,
+    slope (n, d, d): velocity slopes d v_c / d x_a at [a, c], by which the slip is extrapolated to a common point as in
+    the scheme reconstructed. If they are empty, the slip is that between the two positions.
     """
     dim = offset.shape[1]
     for j in range(first, last):
         for k in range(pairs.start[j], pairs.start[j + 1]):
             a = pairs.gas[k]
-            # The dust's part of the change of the slip: all of it where the gas does not move.
+            # The share of the dust in the change of the slip: all of it if drag does not act on the gas.
             mine = gas.density[a] / (gas.density[a] + dust.density[j]) if two_way else 1.0
             f, g = response(1.0 / (mine * pairs.time[k]), dt, exponential)
             factor = dust.mass[j] * pairs.part[k] * mine
@@ -214,7 +234,7 @@ def push_by_relaxing(
                 y += (dust.vel[j, i] - gas.vel[a, i]) * offset[k, i]
                 b += ((own[j, i] if len(own) > 0 else 0.0) - gas_own[a, i]) * offset[k, i]
             pull[k] = -factor * f * (1.0 if r2 == 0.0 else dim)
-            if r2 == 0.0:  # no line of sight: the mean over all directions
+            if r2 == 0.0:  # no line between the particles: mean over all directions
                 for i in range(dim):
                     source = (own[j, i] if len(own) > 0 else 0.0) - gas_own[a, i]
                     impulse[k, i] = factor * (f * (dust.vel[j, i] - gas.vel[a, i]) + g * source)
@@ -225,17 +245,20 @@ def push_by_relaxing(
                     for l in range(dim):
                         s += offset[k, i] * offset[k, l] * slope[j, i, l]
                         gs += offset[k, i] * offset[k, l] * gas_slope[a, i, l]
-                y -= limited(s, gs)
+                y -= limited_slope(s, gs)
             for i in range(dim):
                 impulse[k, i] = factor * dim * (f * y + g * b) / r2 * offset[k, i]
 
 
 @jit
-def shares(first, last, begin, order, offset, pull, mass, share):
-    """Write the largest share of its slip that a particle's pairs remove, if all pairs have the same slip.
+def removed_fractions(first, last, begin, order, offset, pull, mass, share):
+    """Write to `share` (n,) the largest fraction of its slip that the pairs of a particle remove.
 
-    This is the share for a slip in the direction in which the pairs remove most. The pairs of particle i are
-    order[begin[i] : begin[i + 1]], or begin[i] to begin[i + 1] where `order` is empty.
+    The slip is taken to be the same in all pairs.
+
+    The fraction depends on the direction of the slip; the largest is an eigenvalue. The pairs of particle i are
+    order[begin[i] : begin[i + 1]], or begin[i] to begin[i + 1] - 1 if `order` is empty. pull (pairs,): c of eq. (1) of
+    `drag/published/lab14.py`. mass (n,): masses of the particles.
     """
     for i in range(first, last):
         xx, xy, yy = 0.0, 0.0, 0.0
@@ -254,10 +277,11 @@ def shares(first, last, begin, order, offset, pull, mass, share):
 
 
 @jit
-def most_shares(first, last, begin, order, mine, one, other, both):
-    """Write to `both` the largest sum of a particle's share, `one` (n,), and its partner's, `other`, over its pairs.
+def largest_pair_sums(first, last, begin, order, mine, one, other, both):
+    """Write to `both` (n,) the largest sum, over the pairs of a particle, of its own fraction and its partner's.
 
-    `mine` (pairs,) has the index of the partner in each pair.
+    one (n,), other: results of `removed_fractions` for the particles and for their partners. mine (pairs,): index of
+    the partner. begin, order: as in `removed_fractions`.
     """
     for i in range(first, last):
         both[i] = 0.0
@@ -268,7 +292,10 @@ def most_shares(first, last, begin, order, mine, one, other, both):
 
 @jit
 def limit_impulses(first, last, start, gas, both, gas_both, impulse):
-    """Scale impulses down to where they cannot create kinetic energy (`drag/published/lab14.py`)."""
+    """Scale `impulse` (pairs, d) down, in place, so that impulses create no kinetic energy, as in the scheme lab14.
+
+    both, gas_both: results of `largest_pair_sums` for dust and for gas.
+    """
     for j in range(first, last):
         for k in range(start[j], start[j + 1]):
             scale = 2.0 / max(2.0, both[j], gas_both[gas[k]])
@@ -277,33 +304,26 @@ def limit_impulses(first, last, start, gas, both, gas_both, impulse):
 
 
 @jit
-def pull_dust(first, last, start, impulse, mass, vel):
-    """Add the impulses of its pairs to the velocity of each dust particle."""
-    for j in range(first, last):
-        for i in range(vel.shape[1]):
-            total = 0.0
-            for k in range(start[j], start[j + 1]):
-                total += impulse[k, i]
-            vel[j, i] += total / mass[j]
+def apply_impulses(first, last, begin, order, impulse, sign, mass, vel):
+    """Add the impulses of its pairs, times `sign`, to the velocity of each particle in `vel` (n, d).
 
-
-@jit
-def pull_gas(first, last, by_gas, begin, impulse, mass, vel):
-    """Subtract the impulses of its pairs from the velocity of each gas particle."""
-    for a in range(first, last):
-        for i in range(vel.shape[1]):
+    impulse (pairs, d). sign: 1 for dust, -1 for gas. begin, order: as in `removed_fractions`. mass (n,): masses of the
+    particles.
+    """
+    for i in range(first, last):
+        for c in range(vel.shape[1]):
             total = 0.0
-            for m in range(begin[a], begin[a + 1]):
-                total += impulse[by_gas[m], i]
-            vel[a, i] -= total / mass[a]
+            for m in range(begin[i], begin[i + 1]):
+                total += impulse[order[m] if len(order) > 0 else m, c]
+            vel[i, c] += sign * total / mass[i]
 
 
 @jit
 def add_pair_heat(first, last, by_gas, begin, dust, impulse, mass, mean, gmean, heat):
-    """Add the heat per mass that pairs leave in a gas particle to `heat`.
+    """Add to `heat` (gas,) the heat per mass that the pairs of each gas particle leave in it.
 
-    It is -impulse . slip, at velocities halfway through the kick: the whole loss of kinetic energy apart from the
-    work of the accelerations.
+    The heat of a pair is -impulse . slip, with the velocities `mean` of the dust and `gmean` of the gas halfway through
+    the kick. It is the whole loss of kinetic energy apart from the work of the accelerations.
     """
     for a in range(first, last):
         for m in range(begin[a], begin[a + 1]):

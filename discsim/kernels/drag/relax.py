@@ -1,7 +1,8 @@
-"""Exact relaxation of coupled velocities with the accelerations inside: eq. (1) of `kernels/drag/cells.py` over any dt.
+"""Exact relaxation of coupled velocities with accelerations included: eq. (1) of `kernels/drag/cells.py` over any dt.
 
-The slip y of two velocities obeys dy/dt = b - rate y. Gas and several populations, coupled through the gas alone,
-obey the equations of `kernels/drag/coupled.py`. Increments are those beyond free motion, and vanish with the drag.
+The slip y of two velocities obeys dy/dt = b - rate y. Gas and several populations, which are coupled only through the
+gas, obey the equations of `kernels/drag/coupled.py`. The velocity changes that these functions compute are those by
+drag: free motion, b dt, is not included. Sources are accelerations that act on one species only.
 """
 
 import math
@@ -12,9 +13,9 @@ from discsim.kernels.drag.coupled import relax_coupled
 
 @jit
 def response(rate, dt, exponential):
-    """Return (f, g) of y' = y + b dt + f y + g b, the solution of dy/dt = b - rate y over dt.
+    """Return (f, g) such that y(dt) = y + b dt + f y + g b solves dy/dt = b - rate y.
 
-    The solution is exact (`exponential`) or by backward Euler.
+    exponential: whether the solution is exact; False for backward Euler.
     """
     x = rate * dt
     if not exponential:
@@ -28,25 +29,29 @@ def response(rate, dt, exponential):
 
 @jit
 def relax_pair(w0, w1, rate, y0, y1, b0, b1, dt, exponential):
-    """Return the increments of two coupled velocities of weights w0, w1 beyond their free motion."""
+    """Return the changes of two coupled velocities y0 and y1 by drag over dt, without the free motion b0 dt and b1 dt.
+
+    w0, w1: masses of the two. rate: rate at which y0 - y1 decays. b0, b1: accelerations.
+    """
     f, g = response(rate, dt, exponential)
     change = f * (y0 - y1) + g * (b0 - b1)
     return w1 / (w0 + w1) * change, -w0 / (w0 + w1) * change
 
 
 @jit_no_alloc
-def relax_apart(mass, time, y, b, two_way, dt, exponential, room, slip, drive):
-    """Write the velocity changes (n, d) of gas (entry 0) and several populations by slips and by sources, apart.
+def relax_separately(mass, time, y, b, two_way, dt, exponential, scratch, slip, drive):
+    """Write the velocity changes by drag over dt: those due to initial slips to `slip`, due to sources to `drive`.
 
-    The changes are those beyond free motion, and 0 for populations of no mass. One-way drag changes the populations
-    alone. `room` is as in `relax_coupled`.
+    Row 0 of the arrays (n, d) is the gas, the others are populations; those without mass do not change, and with
+    one-way drag the gas does not. mass, time (n,): masses and stopping times. y, b (n, d): velocities and sources.
+    scratch: overwritten, as in `relax_coupled`.
     """
     n, dim = y.shape
     for s in range(n):
         for c in range(dim):
             slip[s, c], drive[s, c] = 0.0, 0.0
     if two_way:
-        relax_coupled(mass, time, y, b, dt, exponential, room, slip, drive)
+        relax_coupled(mass, time, y, b, dt, exponential, scratch, slip, drive)
         return
     for s in range(1, n):
         if mass[s] > 0.0:
@@ -56,11 +61,11 @@ def relax_apart(mass, time, y, b, two_way, dt, exponential, room, slip, drive):
 
 
 @jit_subroutine
-def relax_means(mass, time, y, b, two_way, dt, exponential, several, room, change):
-    """Write the sum of the changes by slips and by sources of `relax_apart`.
+def relax_means(mass, time, y, b, two_way, dt, exponential, several, scratch, change):
+    """Write the velocity changes (n, d) of gas (row 0) and populations by drag over dt to `change`.
 
-    `several` is None where there is one population: numba then leaves out the coupling of many, which saves seconds
-    of compilation.
+    The arguments and the result are those of `relax_separately`, with the sum of the two parts. several: None if there
+    is one population; numba then leaves out the code for several, which saves seconds of compilation.
     """
     n, dim = y.shape
     count, only = 0, 0
@@ -83,4 +88,4 @@ def relax_means(mass, time, y, b, two_way, dt, exponential, several, room, chang
                 mass[0], mass[only], rate, y[0, c], y[only, c], b[0, c], b[only, c], dt, exponential
             )
     elif several is not None:
-        relax_coupled(mass, time, y, b, dt, exponential, room, change, change)
+        relax_coupled(mass, time, y, b, dt, exponential, scratch, change, change)

@@ -1,8 +1,8 @@
-"""Velocity slopes of one population of particles, by least squares over each particle's neighbours.
+"""Velocity slopes G_i at the particles of one species, by least squares over the neighbours of each particle.
 
     G_i = [sum_k m_k W(r_ik, h_i) x_ik x_ik^T]^-1 [sum_k m_k W(r_ik, h_i) x_ik v_ik^T],   x_ik = x_k - x_i
 
-The slope is exact for a linear velocity field on any particles: neither a boost nor a rotation adds an error.
+The slope is exact for a linear velocity field, at any positions of the particles. Boosts and rotations add no error.
 """
 
 import functools
@@ -13,13 +13,17 @@ from numba import njit
 
 from discsim.jit.decorators import FAST, KERNEL, kept
 from discsim.kernels.common.candidates import most_of, pack_positions
-from discsim.kernels.drag.lines import solve
+from discsim.kernels.drag.linear_fit import solve
 from discsim.kernels.sph.smoothing import SUPPORT, shape
 
 
 @njit(inline="always")
 def moment_sums(kernel, dim, x, y, vx, vy, h, n, cx, cy, cm, cvx, cvy):
-    """Return second moments of the neighbours of one particle: of position with position, and with velocity."""
+    """Return seven moments of the neighbours of one particle: of position with position (3), and with velocity (4).
+
+    (x, y), (vx, vy), h: position, velocity and smoothing length of the particle. cx, cy, cm, cvx, cvy: positions,
+    masses and velocities of the `n` candidate neighbours. kernel, dim: smoothing kernel and number of dimensions.
+    """
     support, inv_h = SUPPORT[kernel], 1.0 / h
     xx, xy, yy, xvx, xvy, yvx, yvy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(n):
@@ -40,7 +44,10 @@ def moment_sums(kernel, dim, x, y, vx, vy, h, n, cx, cy, cm, cvx, cvy):
 
 @functools.cache
 def slope_driver(kernel: int, dim: int):
-    """Compile the loop that writes d v_c / d x_a of each particle to slope[i, a, c]; 0 where neighbours are too few."""
+    """Return the compiled loop that writes the velocity slopes of particles, d v_c / d x_a, to slope[i, a, c].
+
+    The slope is 0 where a particle has too few neighbours.
+    """
 
     @kept(**KERNEL, fastmath=FAST)
     def fit(first, last, lists, pos, vel, mass, h, slope, cells):

@@ -1,4 +1,4 @@
-"""Arguments of the drag kernels: gas and dust sorted into blocks, and the law."""
+"""Arguments of the drag kernels: gas and dust sorted into blocks, and the drag law."""
 
 from typing import NamedTuple
 
@@ -6,17 +6,20 @@ import numpy as np
 
 
 class Species(NamedTuple):
-    """Particles of the gas, or of all populations of dust, as arrays of the state.
+    """Particles of the gas, or of all dust populations, sorted into blocks.
 
-    own (n, d): accelerations of this species alone, or empty. density (n,): may be empty; if grains have individual
-    sizes, it is the stopping time of each over that of its class. order, start: particles sorted by block and, within
-    a block, by population. number: populations. first: species of the first population; the gas is species 0.
+    pos, vel, acc (n, d), mass (n,): arrays of the state; a kick changes `vel`. source (n, d): accelerations that act on
+    this species only, without rows if there are none. density (n,): density of the gas. Of dust it has `Dust.per_grain`
+    of `drag/base.py`, or is empty. sound (n,): sqrt(P / rho) of the gas; empty for dust. order, start: particle indices
+    sorted by block and, in a block, by population; those of population p in block b are order[start[i] : start[i + 1]]
+    with i = b number + p. number: number of populations, 1 for gas. first: number of the first population among all
+    species, 0 for gas and 1 for dust.
     """
 
     pos: np.ndarray
     vel: np.ndarray
     acc: np.ndarray
-    own: np.ndarray
+    source: np.ndarray
     mass: np.ndarray
     density: np.ndarray
     sound: np.ndarray
@@ -26,10 +29,11 @@ class Species(NamedTuple):
     first: int
 
 
-class Law(NamedTuple):
-    """Drag over a step dt: `code` and `grains` of the law (`formulas/laws.py`), direction and integrator.
+class LawOverStep(NamedTuple):
+    """Drag over a step dt.
 
-    exponential: exact exponential, else implicit Euler.
+    code, grains: form of the drag law and parameters of each population (`formulas/laws.py`). two_way: whether drag
+    acts on the gas too. exponential: whether slips relax by the exact exponential; False for implicit Euler.
     """
 
     code: int

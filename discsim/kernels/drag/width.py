@@ -1,4 +1,4 @@
-"""Smoothing lengths for the side of drag cells (`drag/width.py`)."""
+"""Limited smoothing lengths, which determine the sides of drag cells (`drag/width.py`)."""
 
 import math
 
@@ -10,9 +10,9 @@ ONE, TWO = index(1), index(2)
 
 @jit
 def limit_lengths(begin, end, pos, h, least, table, nodes, out):
-    """Write min(h, max(limit(r), least h)) at positions (n, 2).
+    """Write the limited smoothing lengths min(h, max(limit(r), least h)) of the positions `pos` (n, 2) to `out` (n,).
 
-    `table` has the limit at r = 0, 1 / nodes, 2 / nodes, ...
+    h (n,): smoothing lengths. table: the limit at the radii r = 0, 1 / nodes, 2 / nodes, ...
     """
     flat, last = pos.reshape(-1), float(len(table) - 2)
     for i in range(index(begin), index(end)):

@@ -47,8 +47,8 @@ from typing import NamedTuple
 import numpy as np
 
 from discsim.jit.decorators import jit, jit_subroutine
-from discsim.kernels.drag.laws import hastened, quickening, steepness, stopping_time, unhastened
-from discsim.kernels.drag.nonlinear import MOST, TOLERANCE, next_step
+from discsim.kernels.drag.laws import drag_factor, drag_factor_slope, drag_speed_terms, is_linear_up_to, stopping_time
+from discsim.kernels.drag.nonlinear import MOST, TOLERANCE, step_ratio
 
 SERIES = 1e-2  # dt/t below which differences of exponentials are computed from their series
 ROUNDS = 5  # largest number of iterations
@@ -79,7 +79,7 @@ class Path(NamedTuple):
     sound: float
     kepler: float  # Omega_K without radiation pressure
     orbit: float  # L_g / r
-    mach2: float  # coefficients of the drag factor at a finite slip, from `formulas.laws.quickening`
+    mach2: float  # coefficients of the drag factor at a finite slip, from `formulas.laws.drag_speed_terms`
     reynolds2: float
     slow: float  # stopping time at vanishing slip
     time: float  # stopping time at the slip of the path
@@ -118,22 +118,22 @@ def gas_at(r2, disc):
 def time_on_path(mach2, reynolds2, slow, excess, shear, kappa2):
     """Return the stopping time t that is consistent with the slip w of the drift (3), which depends on t.
 
-    This is the root of Z = (t H / slow)^2 = 1, with H the drag factor at the slip (`hastened`). With u = t^2 the slip
-    of (3) is w^2 = F^2 u (1 + B^2 u) / (1 + kappa^2 u)^2. Each iteration approximates Z by a power law u^p with the
-    local exponent p. Far from the root it solves the power law; where Z is within a factor of 2 of 1 it takes a step
-    of Halley's method, of third order.
+    This is the root of Z = (t H / slow)^2 = 1, with H the drag factor at the slip (`drag_factor`). With u = t^2 the
+    slip of (3) is w^2 = F^2 u (1 + B^2 u) / (1 + kappa^2 u)^2. Each iteration approximates Z by a power law u^p with
+    the local exponent p. Far from the root it solves the power law; where Z is within a factor of 2 of 1 it takes a
+    step of Halley's method, of third order.
     """
     slow2, speed2 = slow * slow, excess * excess
     u = slow2
     for _ in range(60):
         damping = 1.0 / (1.0 + kappa2 * u)
         slip2 = speed2 * (u * damping) * ((1.0 + shear * shear * u) * damping)
-        fast = hastened(mach2, reynolds2, slip2)
+        fast = drag_factor(mach2, reynolds2, slip2)
         z = u / slow2 * fast * fast
         if z == 1.0:
             break
         rise = 2.0 * damping - 1.0 / (1.0 + shear * shear * u)  # d ln w^2 / d ln u
-        power = max(0.5, 1.0 + rise * steepness(mach2, reynolds2, slip2, fast))
+        power = max(0.5, 1.0 + rise * drag_factor_slope(mach2, reynolds2, slip2, fast))
         if 0.5 < z < 2.0:
             u *= ((power - 1.0) * z + power + 1.0) / ((power + 1.0) * z + power - 1.0)
         else:
@@ -162,7 +162,7 @@ def path_at(x, y, k, disc):
     slow = time = stopping_time(disc.law, disc.grains[k], disc.ratios[k], density, sound, kepler)
     mach2, reynolds2 = 0.0, 0.0
     if disc.nonlinear:
-        mach2, reynolds2 = quickening(disc.law, disc.grains[k], density, sound, kepler)
+        mach2, reynolds2 = drag_speed_terms(disc.law, disc.grains[k], density, sound, kepler)
         if mach2 + reynolds2 > 0.0:
             time = time_on_path(mach2, reynolds2, slow, excess, shear, kappa2)
     radial, azimuthal = drift_speeds(time, excess, shear, kappa2, flow)
@@ -201,7 +201,7 @@ def hastening_at(path, delta, m):
     """Return the squared slip, and the drag factor H at this slip."""
     v, w = path.slip + delta, path.azimuthal + m / path.r
     slip2 = v * v + w * w
-    return slip2, hastened(path.mach2, path.reynolds2, slip2)
+    return slip2, drag_factor(path.mach2, path.reynolds2, slip2)
 
 
 @jit_subroutine
@@ -209,7 +209,7 @@ def rest_of_drag(path, rate, v, w):
     """Return N of eq. (6), radial and azimuthal, at the slip of the path plus (v, w); `rate` is 1/t0."""
     v += path.slip
     w += path.azimuthal
-    less = rate - hastened(path.mach2, path.reynolds2, v * v + w * w) / path.slow
+    less = rate - drag_factor(path.mach2, path.reynolds2, v * v + w * w) / path.slow
     return v * less, w * less
 
 
@@ -313,7 +313,7 @@ def relax_by_speed(delta, m, path, a_r, a_phi, spin, dt):
             delta, m = d, n
             done = done + step if done + step < dt * (1.0 - 1e-15) else dt
         if done < dt:
-            step *= next_step(error)
+            step *= step_ratio(error)
     return delta, m
 
 
@@ -324,7 +324,7 @@ def is_linear(path, delta, m, a_r, a_phi, spin, dt):
     turned = abs(m) / r + lasting * abs(a_phi)
     reach = abs(path.slip) + abs(path.azimuthal) + abs(delta) + turned
     reach += lasting * (abs(a_r) + turned * (2.0 * spin / r + turned) / r)
-    return unhastened(path.mach2, path.reynolds2, reach * reach)
+    return is_linear_up_to(path.mach2, path.reynolds2, reach * reach)
 
 
 @jit

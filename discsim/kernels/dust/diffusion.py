@@ -23,7 +23,7 @@ from discsim.jit.decorators import inline_jit, jit, jit_sums_alloc
 from discsim.jit.index import index
 from discsim.kernels.common.neighbours import whole
 from discsim.kernels.common.philox import counter_of, normal_pair
-from discsim.kernels.drag.frame import kepler
+from discsim.kernels.drag.frame import orbital_frequency
 from discsim.kernels.drag.laws import stopping_time
 from discsim.kernels.dust.background import gas_at
 from discsim.kernels.dust.packs import (
@@ -211,7 +211,7 @@ def given_about(first, last, pos, disc, field):
         within, within_sound2 = gas_at(r2 * math.exp(-2.0 * OVER), disc)[:2]
         slope, steep = math.log(out / within), math.log(out_sound2 / within_sound2)
         field[i, DENSITY], field[i, SPEED2] = density, sound2
-        field[i, LENGTH] = OF_HEIGHT * math.sqrt(sound2) / kepler(r2, disc.star, disc.softening)
+        field[i, LENGTH] = OF_HEIGHT * math.sqrt(sound2) / orbital_frequency(r2, disc.star, disc.softening)
         for k in range(2):
             per = pos[i, k] / (r2 * 2.0 * OVER)
             field[i, SLOPES + k], field[i, SLOPES + 2 + k] = slope * per, steep * per
@@ -251,7 +251,7 @@ def strengths(first, last, pos, centre, species, field, times, norm, fresh, stir
         if stirring.star > 0.0:
             if r2 + stirring.softening == 0.0:
                 continue
-            omega = kepler(r2, stirring.star, stirring.softening)
+            omega = orbital_frequency(r2, stirring.star, stirring.softening)
             turned = -1.5 / (r2 + stirring.softening * stirring.softening)
         strong = stirring.constant
         if most >= 0:
@@ -346,6 +346,6 @@ def behind(r, sense, circles):
     """Return the radial and azimuthal velocity on a circular orbit, at a time `lag` before that of the position: the
     circular velocity turned back by asin(Omega lag).
     """
-    omega = kepler(r * r, circles.star, circles.softening)
+    omega = orbital_frequency(r * r, circles.star, circles.softening)
     sine = min(1.0, omega * circles.lag)
     return omega * r * sine, sense * omega * r * math.sqrt(1.0 - sine * sine)

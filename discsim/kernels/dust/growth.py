@@ -22,10 +22,10 @@ from numba.extending import register_jitable
 from discsim.formulas import growth
 from discsim.formulas.laws import COLUMN, SIZE, THERMAL, VALUE
 from discsim.jit.decorators import inline_jit, jit
-from discsim.kernels.drag.frame import kepler
+from discsim.kernels.drag.frame import orbital_frequency
 from discsim.kernels.drag.laws import stopping_time
 
-register_jitable(error_model="numpy")(growth.layer)  # midplane_density calls it
+register_jitable(error_model="numpy")(growth.layer_thickness)  # midplane_density calls it
 small_share, midplane_density, relative_speed, fragmentation_size = (
     inline_jit(formula)
     for formula in (growth.small_share, growth.midplane_density, growth.relative_speed, growth.fragmentation_size)
@@ -140,7 +140,7 @@ def grow(first, last, dt, star, softening, pos, centre, field, alpha, grains, ma
         r2 = x * x + y * y
         if r2 + softening == 0.0 or not field[j, SPEED2] > 0.0:
             continue
-        omega, sound = kepler(r2, star, softening), math.sqrt(field[j, SPEED2])
+        omega, sound = orbital_frequency(r2, star, softening), math.sqrt(field[j, SPEED2])
         headwind = 0.5 * abs(field[j, PULL]) / omega
         at = Place(field[j, GAS], field[j, SMALL], field[j, GROWN], sound, omega, alpha[j], headwind)
         most = fragmentation_size(at.gas, grains.fragmentation, at.alpha, sound, grains.material)

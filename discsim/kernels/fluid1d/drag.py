@@ -1,9 +1,8 @@
-"""Drag in the cells of a fixed grid, in place; equations in `drag/published/` (`emsi_ppm.py`, `sios_ppm.py`).
+"""Drag between gas and dust in the cells of a fixed 1D grid. Cells without dust do not change.
 
-Rows of `cells` (5, n) as in `kernels/fluid1d/ppm.py`. Cells without dust do not change.
+The equations are in `drag/published/emsi_ppm.py` and `drag/published/sios_ppm.py`. Arrays (5, n) of conserved
+quantities have the rows MASS to DUST_MOMENTUM of `kernels/fluid1d/ppm.py`.
 """
-
-import numpy as np
 
 from discsim.jit.decorators import jit
 from discsim.kernels.drag.laws import stopping_time
@@ -12,19 +11,12 @@ from discsim.kernels.fluid1d.ppm import DUST_MASS, DUST_MOMENTUM, ENERGY, MASS, 
 
 
 @jit
-def stopping_times(law, grain, density, dust_density, sound):
-    """Return the stopping time of the dust in each cell (n,)."""
-    out = np.empty(len(density))
-    for i in range(len(density)):
-        out[i] = stopping_time(law, grain, dust_density[i] / density[i], density[i], sound[i], 0.0)
-    return out
-
-
-@jit
 def relax_together(law, grain, sound, start, middle, after, dt, exponential, adiabatic, heating):
-    """Add drag to gas and dust of `after`, which have moved from `start` over dt without drag.
+    """Add the drag over dt to `after` (5, n) in place, with the slip relaxed implicitly, as in emsi-ppm.
 
-    The densities of the drag are those of `middle`; arrays (5, n).
+    start (5, n): the fluids before the step. after (5, n): on input, the fluids after dt without drag. middle (5, n):
+    the fluids whose densities determine the stopping time, with the thermal speed `sound` (n,). adiabatic: whether the
+    gas has an energy. heating: whether its energy includes the heat of friction.
     """
     for i in range(after.shape[1]):
         if min(start[DUST_MASS, i], middle[DUST_MASS, i], after[DUST_MASS, i]) <= 0.0:
@@ -49,7 +41,11 @@ def relax_together(law, grain, sound, start, middle, after, dt, exponential, adi
 
 @jit
 def relax_towards_old(law, grain, sound, cells, dt, adiabatic, heating):
-    """Relax each species towards the old velocity of the other, by implicit Euler over dt."""
+    """Relax gas and dust in `cells` (5, n), in place, by implicit Euler over dt, as in sios-ppm.
+
+    The velocity of each species relaxes towards the velocity that the other species had before. sound (n,): thermal
+    speed. adiabatic: whether the gas has an energy. heating: whether its energy includes the heat of friction.
+    """
     for i in range(cells.shape[1]):
         gas, dust = cells[MASS, i], cells[DUST_MASS, i]
         if dust <= 0.0:

@@ -4,14 +4,15 @@ Colella & Woodward 1984 (CW84): with limited slopes d_i (1.7-1.8) the value at a
 
     a_(i+1/2) = (a_i + a_(i+1)) / 2 - (d_(i+1) - d_i) / 6                                              (1.6)
 
-on both sides. In shocks of the gas it is moved towards the cell's mean (4.1, appendix A.2). The parabola is then made
-monotone (1.10). The flux is HLLC's for gas with an energy and HLL's for barotropic gas (Toro 2009, ch. 10), both with
-Einfeldt's wave speeds. The flux of dust is the sum of those from either side (Huang & Bai 2022, arXiv:2206.01023):
+on both sides. In shocks of the gas the value is moved towards the mean of the cell (4.1, appendix A.2). The parabola is
+then made monotone (1.10). The flux is HLLC's for gas with an energy and HLL's for barotropic gas (Toro 2009, ch. 10),
+both with Einfeldt's wave speeds. The flux of dust is the sum of the fluxes from both sides of a face (Huang & Bai 2022,
+arXiv:2206.01023):
 
     F = r_L max(u_L, 0) (1, u_L) + r_R min(u_R, 0) (1, u_R)                                            (2)
 
 Rows of a state: gas density, velocity, pressure; dust density, velocity. Rows of conserved quantities: gas mass,
-momentum, energy; dust mass, momentum, each over the length of a cell.
+momentum, energy; dust mass, momentum, each per length.
 """
 
 import math
@@ -20,17 +21,17 @@ import numpy as np
 
 from discsim.jit.decorators import jit, jit_subroutine
 
-GHOSTS = 4  # cells beyond each end that the flux through a face depends on
+GHOSTS = 4  # number of ghost cells beyond each end, on which the fluxes through the outer faces depend
 DENSITY, VELOCITY, PRESSURE, DUST_DENSITY, DUST_VELOCITY = range(5)
 MASS, MOMENTUM, ENERGY, DUST_MASS, DUST_MOMENTUM = range(5)
 
-MOST = 0.75  # largest share of a cell's dust that may leave by its parabola in a step
-STEEP, SHOCKED, SLOPE, LEAST_JUMP = 0.75, 10.0, 2.0, 0.33  # omega_1, omega_2, of (1.8), epsilon of A.2
+MOST = 0.75  # largest fraction of a cell's dust that may leave in a step by the fluxes of its parabola
+STEEP, SHOCKED, SLOPE, LEAST_JUMP = 0.75, 10.0, 2.0, 0.33  # omega_1 and omega_2 of A.2, factor in (1.8), epsilon of A.2
 
 
 @jit_subroutine
 def limited_slope(left, centre, right):
-    """Return the limited slope of a cell, CW84 (1.7) and (1.8)."""
+    """Return the limited slope of the cell with the mean `centre` between cells `left` and `right`, (1.7) and (1.8)."""
     down, up = centre - left, right - centre
     if down * up <= 0.0:
         return 0.0
@@ -40,7 +41,10 @@ def limited_slope(left, centre, right):
 
 @jit_subroutine
 def monotone(left, centre, right):
-    """Return the ends of a cell's parabola, limited to have no extremum between them (1.10)."""
+    """Return the values at the two ends of a cell's parabola, limited so that it has no extremum inside (1.10).
+
+    left, right: values at the ends before the limit. centre: mean of the cell.
+    """
     if (right - centre) * (centre - left) <= 0.0:
         return centre, centre
     jump, bulge = right - left, 6.0 * (centre - 0.5 * (left + right))
@@ -53,7 +57,11 @@ def monotone(left, centre, right):
 
 @jit_subroutine
 def parabolas(mean, flatness, left, right):
-    """Write values at the left and right ends of all cells but two at either end (A.2, 1.6, 4.1, 1.10)."""
+    """Write the values at the ends of the cells' parabolas to `left` and `right` (n,) (1.6, 4.1, 1.10, A.2).
+
+    The first two and the last two cells are left out. mean (n,): means of the cells. flatness (n,): result of
+    `flattening`.
+    """
     n = len(mean)
     slope = np.zeros(n)
     for i in range(1, n - 1):
@@ -68,7 +76,7 @@ def parabolas(mean, flatness, left, right):
 
 @jit_subroutine
 def flattening(velocity, pressure):
-    """Return the weight of each cell's mean in its parabola: 1 in a shock of one or two cells (A.2)."""
+    """Return the weight (n,) of the mean in each cell's parabola: 1 in a shock one or two cells wide (A.2), else 0."""
     n = len(pressure)
     own, out = np.zeros(n), np.zeros(n)
     for i in range(2, n - 2):
@@ -85,9 +93,10 @@ def flattening(velocity, pressure):
 
 @jit_subroutine
 def gas_flux(left, right, gamma, flux):
-    """Write HLLC's flux of mass, momentum and energy between two states; HLL's of mass and momentum with gamma = 0.
+    """Write the flux of mass, momentum and energy between the states `left` and `right` of the gas to `flux` (3,).
 
-    With gamma = 0 the gas is isothermal, with P / rho at the faces equal to c_s^2.
+    The flux is HLLC's, or with gamma = 0 HLL's flux of mass and momentum. The gas is then isothermal, and P / rho in
+    the states is c_s^2.
     """
     heat = gamma if gamma > 0.0 else 1.0
     rl, vl, pl = left[DENSITY], left[VELOCITY], left[PRESSURE]
@@ -123,10 +132,10 @@ def gas_flux(left, right, gamma, flux):
 
 @jit
 def through_faces(state, gamma):
-    """Return the fluxes through the faces of cells with their ghosts, state (5, n + 2 ghosts).
+    """Return the fluxes through the n + 1 faces of n cells: of the gas (3, n + 1), and of the dust (2, n + 1) twice.
 
-    These are the flux of the gas (3, n + 1), and the fluxes of the dust to the right and to the left, (2, n + 1)
-    each.
+    The two fluxes of dust are the flux to the right, and the flux to the left, which is negative. state (5, n + 2
+    GHOSTS): state of the cells and of ghost cells at both ends. gamma: adiabatic index, 0 for isothermal gas.
     """
     width = state.shape[1]
     faces = width - 2 * GHOSTS + 1
@@ -148,10 +157,11 @@ def through_faces(state, gamma):
 
 @jit
 def keep_positive(density, momentum, rightward, leftward, ratio, periodic):
-    """Limit the dust that leaves a cell to its content, with the cell's own velocity, for dust in voids.
+    """Limit the fluxes of dust out of each cell, in place, to the dust that the cell contains.
 
-    Where the parabolas remove more than MOST of the density at the start, `density` and `momentum` (n,), the cell's
-    fluxes are those of a uniform cell. Fluxes (2, n + 1) are changed in place; ratio = dt / dx.
+    Where the fluxes of the parabolas would remove more than MOST of a cell's dust, they are replaced by the fluxes of a
+    uniform cell with the cell's velocity. density, momentum (n,): of the dust at the start of the step. rightward,
+    leftward (2, n + 1): fluxes to the right and to the left. ratio: dt / dx.
     """
     n, fastest = len(density), (1.0 - 1e-12) / ratio  # slightly less than all, with a margin for rounding
     for i in range(n):

@@ -1,7 +1,7 @@
-"""Bounding boxes of batches of rows. For `discsim.numerics.threads.parallel_for`.
+"""Bounding boxes of batches of rows, where a batch is BATCH successive particles (`numerics/batches.py`).
 
-Rows of arrays are sorted by position, so the particles of a batch are near each other. A test of its bounding box
-spares most batches a test of each row.
+Rows of arrays are sorted by position, so that the particles of a batch are near each other. For most batches a test of
+the bounding box replaces a test of each row.
 """
 
 import numpy as np
@@ -15,8 +15,10 @@ ONE, WHOLE = index(1), index(BATCH)
 
 @jit
 def bounds_of(first, last, some, pos, out):
-    """Write to `out` (batches, 4) the least and largest x and the least and largest y of `some` batches of positions
-    (n, d). y is 0 in one dimension; a batch with a position that is not finite gets NaN.
+    """Write to `out` (batches, 4) the bounds of the batches `some`: smallest and largest x, smallest and largest y.
+
+    first, last: range of `some` to write. pos (n, d): positions. In one dimension the bounds in y are 0. A batch with a
+    position that is not finite gets NaN.
     """
     # One scalar per bound: arrays of partial bounds, written in each iteration, took three times as long (2026-11).
     flat, dim = pos.reshape(-1), index(pos.shape[1])

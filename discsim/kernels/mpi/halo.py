@@ -1,4 +1,4 @@
-"""Halo of an MPI rank: the neighbour cells and drag blocks of other ranks that sums over its own particles need."""
+"""Halo of an MPI rank: the neighbour cells and drag blocks of other ranks that the sums of its own particles need."""
 
 import math
 
@@ -15,18 +15,18 @@ from discsim.kernels.mpi import batches
 
 THEIRS, OWN, EITHER = range(3)
 ONE, BATCH = index(1), index(batches.BATCH)
-FAR = 64  # a batch that spans more top-level blocks than this is kept without a test of each
-EDGE = 1e-6  # of a cell: largest rounding error of a position
+FAR = 64  # a batch that spans at least this many top-level blocks is kept without a test of each
+EDGE = 1e-6  # largest rounding error of a position, in sides of a cell
 
 
 @jit
 def mark_cells(filled, grids, away, others, reach_of, room, flat, periodic):
-    """Return which cells (cells,) of the grids `others` may hold particles within reach of the cells `filled` of
-    `grids`; `flat` in one dimension.
+    """Return whether each cell (cells,) of the grids `others` may have particles within reach of the cells `filled`.
 
-    away (2,): the lower corner of `others` relative to that of `grids`. reach_of: whose support radius is the reach,
-    that of particles in `others` (THEIRS), in `filled` (OWN) or the larger one (EITHER). Support radii are at most
-    `room` times the largest one of their grid.
+    filled: indices of cells of the grids `grids`. away (2,): lower corner of `others` minus that of `grids`. reach_of:
+    whose support radius is the reach, that of particles in `others` (THEIRS), in `filled` (OWN), or the larger one
+    (EITHER). room: factor by which support radii may exceed the largest one of their grid. flat: whether space is
+    one-dimensional.
     """
     last = others[-1]
     out = np.zeros(int(last[FIRST] + last[NX] * last[NX + 1]), np.bool_)
@@ -49,17 +49,18 @@ def mark_cells(filled, grids, away, others, reach_of, room, flat, periodic):
                 reach = room * grids[mine, REACH]
             if reach_of != OWN:
                 reach = max(reach, room * other[REACH])
-            x0, x1 = _span(ix, grids[mine, SIDE_X], away[0], other[SIDE_X], reach)
-            y0, y1 = (0, 0) if flat else _span(iy, grids[mine, SIDE_X + 1], away[1], other[SIDE_X + 1], reach)
+            x0, x1 = _cells_in_reach(ix, grids[mine, SIDE_X], away[0], other[SIDE_X], reach)
+            y0, y1 = (0, 0) if flat else _cells_in_reach(iy, grids[mine, SIDE_X + 1], away[1], other[SIDE_X + 1], reach)
             if count > 1:
-                y1 = _span(iy + count - 1, grids[mine, SIDE_X + 1], away[1], other[SIDE_X + 1], reach)[1]
-            _mark(x0, x1, y0, y1, other, periodic, corners)
-        _sum_up(corners, int(other[FIRST]), out)
+                y1 = _cells_in_reach(iy + count - 1, grids[mine, SIDE_X + 1], away[1], other[SIDE_X + 1], reach)[1]
+            _mark_cells_in_box(x0, x1, y0, y1, other, periodic, corners)
+        _fill_marked_boxes(corners, int(other[FIRST]), out)
     return out
 
 
 @jit_subroutine
-def _sum_up(corners, begin, out):
+def _fill_marked_boxes(corners, begin, out):
+    """Write to `out`, from cell `begin` on, whether each cell is in a marked box, by prefix sums of `corners`."""
     nx, ny = corners.shape[0] - 1, corners.shape[1] - 1
     for i in range(nx):
         along = 0
@@ -70,8 +71,11 @@ def _sum_up(corners, begin, out):
 
 
 @jit_subroutine
-def _mark(x0, x1, y0, y1, grid, periodic, corners):
-    # Mark the cells x0 to x1 and y0 to y1 of a whole grid that its part has, in each periodic image of the box.
+def _mark_cells_in_box(x0, x1, y0, y1, grid, periodic, corners):
+    """Mark the cells x0 to x1 and y0 to y1 of a whole grid in the part that `grid` describes, in each periodic image.
+
+    The box is added at its corners in `corners` (nx + 1, ny + 1).
+    """
     nx, ny, all_x, all_y = int(grid[NX]), int(grid[NX + 1]), int(grid[ALL_X]), int(grid[ALL_X + 1])
     from_x, from_y, turns = int(grid[FROM_X]), int(grid[FROM_X + 1]), 1 if periodic else 0
     if periodic:
@@ -88,38 +92,44 @@ def _mark(x0, x1, y0, y1, grid, periodic, corners):
 
 
 @jit
-def _span(i, side, away, per, reach):
-    # First and last cell of side `per`, counted from `away` along an axis, within reach of the i-th cell of `side`.
+def _cells_in_reach(i, side, away, per, reach):
+    """Return the first and last cell of side `per` within `reach` of cell i of side `side`, along one axis.
+
+    away: position at which the cells of side `per` begin, relative to the cells of side `side`.
+    """
     low, high = (i - EDGE) * side - away - reach, (i + 1 + EDGE) * side - away + reach
     return math.floor(low / per), math.floor(high / per)
 
 
 @jit
-def mark_blocks(own, home, about, near, rings, out):
-    """Mark in `out` (blocks,) the blocks that the nodes about the blocks `own` depend on, and `rings` more rings of
-    nodes. `home`, `about` and `near` (there `blocks`) are results of `list_nodes` in `kernels/drag/tsc/levels.py`.
+def mark_blocks(own, centre_node, stencil, node_cells, rings, out):
+    """Mark in `out` (blocks,) the blocks on which the kick of the blocks `own` depends.
+
+    These are the blocks about the nine nodes of each block, and about `rings` rings of nodes around these. centre_node,
+    stencil, node_cells: as in `NodeCells` of `drag/nodes.py`.
     """
-    marked = np.zeros(len(about), np.bool_)
+    marked = np.zeros(len(stencil), np.bool_)
     for block in own:
-        marked[home[block]] = True
+        marked[centre_node[block]] = True
     for _ in range(rings + 1):
         before = marked.copy()
-        for node in range(len(about)):
+        for node in range(len(stencil)):
             if before[node]:
                 for k in range(9):
-                    if about[node, k] >= 0:
-                        marked[about[node, k]] = True
-    for node in range(len(about)):
+                    if stencil[node, k] >= 0:
+                        marked[stencil[node, k]] = True
+    for node in range(len(stencil)):
         if marked[node]:
             for k in range(9):
-                if near[node, k] >= 0:
-                    out[near[node, k]] = True
+                if node_cells[node, k] >= 0:
+                    out[node_cells[node, k]] = True
 
 
 @jit
 def number_runs(first, last, out):
-    """Write to `out` (cells + 1,), 0 on input, how many cells before each are in the runs of cells from `first` up to
-    `last` (runs,).
+    """Write to `out` (cells + 1,) how many cells before each cell are in the given runs; `out` must be 0 on input.
+
+    A run has the cells from `first` up to, but not including, `last` (runs,).
     """
     for run in range(len(first)):
         for cell in range(first[run], last[run]):
@@ -132,10 +142,10 @@ def number_runs(first, last, out):
 
 @jit
 def particles_in_runs(first, last, some, key, of, number):
-    """Return the particles whose cells are in the runs counted by `number` (`number_runs`), and the numbers of these
-    cells, (m,) each. Only the batches some[first:last] are searched.
+    """Return (particles, numbers): particles whose cells are in the runs, and the numbers of the cells in the runs.
 
-    The cell of a particle is its key (n,), or of[key] unless `of` is None.
+    number: result of `number_runs`. key (n,): cell of each particle; if `of` is not None, the cell is of[key]. Only the
+    batches some[first:last] are searched.
     """
     out, numbers, count = np.empty(SOME, np.int64), np.empty(SOME, np.uint32), index(0)
     for k in range(first, last):
@@ -149,8 +159,11 @@ def particles_in_runs(first, last, some, key, of, number):
 
 
 @jit
-def mark_held(first, last, held, number, out):
-    """Mark in `out` (blocks,) the blocks of the leaves that are `held` (leaves,); number (leaves,): block of a leaf."""
+def mark_blocks_of_leaves(first, last, held, number, out):
+    """Mark in `out` (blocks,) the blocks of the leaves from `first` to `last` that are `held` (leaves,).
+
+    number (leaves,): block of each leaf.
+    """
     for leaf in range(index(first), index(last)):
         if held[leaf]:
             out[index(number[leaf])] = True
@@ -158,11 +171,11 @@ def mark_held(first, last, held, number, out):
 
 @jit
 def batches_near(first, last, bounds, origin, side, lattice, rows, marked):
-    """Return the batches, from `first` to `last`, that may have a particle in a top-level block that is `marked`
-    (x, y), by their `bounds` (batches, 4).
+    """Return the batches `first` to `last` that may have a particle in one of the top-level blocks `marked` (x, y).
 
-    Leaves of side `side` start at `origin` (2,). lattice: the first leaf of this part along x and y, then the number of
-    leaves in a period along each, 0 in open space. rows: leaves along the side of a top-level block.
+    bounds (batches, 4): bounds of each batch. origin (2,): position of the lattice. side: side of a leaf. lattice:
+    first leaf of this part along x and y, then number of leaves in a period along x and y, 0 in open space. rows:
+    leaves along the side of a top-level block.
     """
     out, count = np.empty(last - first, np.int64), 0
     for batch in range(first, last):
@@ -182,8 +195,10 @@ def batches_near(first, last, bounds, origin, side, lattice, rows, marked):
 
 @inline_jit
 def _leaves_between(low, high, origin, side, first, period):
-    # Range of the leaves of a part between two positions along an axis, one wider on each side for rounding. It is
-    # infinite if the positions are in different periods, or NaN.
+    """Return the first and last leaf of a part between two positions along an axis, one leaf wider for rounding.
+
+    The range is infinite if the positions are in different periods, or NaN.
+    """
     if not low <= high:
         return -np.inf, np.inf
     low, high = np.floor((low - origin) / side) - 1.0, np.floor((high - origin) / side) + 1.0
@@ -197,15 +212,16 @@ def _leaves_between(low, high, origin, side, first, period):
 
 @jit
 def renumber(first, last, number, anew):
-    """Replace each `number` (n,) by its new one in `anew`, of which the last entry is for -1."""
+    """Replace each entry i of `number` (n,), in place, by anew[i]; the last entry of `anew` is for i = -1."""
     for i in range(first, last):
         number[i] = anew[number[i]]
 
 
 @jit
 def mark_top_blocks(leaf, own, out):
-    """Mark in `out` (2, x, y) the top-level blocks that contain any block that is `own` (blocks,), and those that
-    contain any other block; leaf (blocks, 2): first leaf of each block.
+    """Mark the top-level blocks that have own blocks in out[0], and those that have other blocks in out[1].
+
+    out (2, x, y). leaf (blocks, 2): first leaf of each block. own (blocks,): whether a block is an own block.
     """
     for block in range(len(own)):
         out[0 if own[block] else 1, leaf[block, 0] >> LEVELS, leaf[block, 1] >> LEVELS] = True
@@ -213,7 +229,10 @@ def mark_top_blocks(leaf, own, out):
 
 @jit
 def blocks_in(leaf, marked):
-    """Return the blocks in top-level blocks that are `marked` (x, y); leaf (blocks, 2): first leaf of each block."""
+    """Return the indices of the blocks in the top-level blocks that are `marked` (x, y).
+
+    leaf (blocks, 2): first leaf of each block.
+    """
     out, count = np.empty(len(leaf), np.int64), 0
     for block in range(len(leaf)):
         out[count] = block
@@ -223,10 +242,11 @@ def blocks_in(leaf, marked):
 
 @jit
 def block_number_ranges(leaf, level, first, rows, begin, end):
-    """Write the numbers of the leaves of each block, from `begin` up to `end` (blocks,), in the whole lattice: by
-    top-level blocks, of which there are `rows` along y, and within these along a Z-curve.
+    """Write the range of the numbers of each block's leaves in the whole lattice, from `begin` up to `end` (blocks,).
 
-    leaf (blocks, 2): first leaf of each block, in a part of the lattice that begins at the leaf `first` (2,).
+    Leaves are numbered by top-level blocks, of which there are `rows` along y, and in a top-level block along a
+    Z-curve. leaf (blocks, 2), level (blocks,): first leaf and level of each block, in a part that begins at the leaf
+    `first` (2,).
     """
     x0, y0, mask = first[0], first[1], (1 << LEVELS) - 1
     for block in range(len(level)):
@@ -238,8 +258,10 @@ def block_number_ranges(leaf, level, first, rows, begin, end):
 
 @jit
 def cells_within_halo(some, cells, there):
-    """Return which of `some` cells reach only cells that are `there` (cells,), and nothing outside the part of a grid
-    that this rank has.
+    """Return whether each of the cells `some` reaches only cells that this rank has.
+
+    The result is False for a cell that reaches a cell that is not `there` (cells,), or the outside of this rank's
+    grids.
     """
     grids, bounds, low = cells.grids, cells.bounds, cells.low
     out = np.ones(len(some), np.bool_)
@@ -247,13 +269,13 @@ def cells_within_halo(some, cells, there):
         x, y, wide, high, reach = bounds[some[k]]
         for level in range(len(grids)):
             grid = grids[level]
-            x0, x1 = _over(x - low[0], wide + reach, grid[SIDE_X])
-            y0, y1 = _over(y - low[1], high + reach, grid[SIDE_X + 1]) if cells.width[1] > 0.0 else (0, 0)
+            x0, x1 = _cells_under(x - low[0], wide + reach, grid[SIDE_X])
+            y0, y1 = _cells_under(y - low[1], high + reach, grid[SIDE_X + 1]) if cells.width[1] > 0.0 else (0, 0)
             if cells.periodic and (x0 < 0 or y0 < 0 or x1 >= grid[ALL_X] or y1 >= grid[ALL_Y]):
                 out[k] = False  # in a periodic image: taken as absent
             # There is nothing beyond the whole grid; positions on its upper edge are in its last cells.
-            x0, x1 = _inside(x0, grid[ALL_X]) - int(grid[FROM_X]), _inside(x1, grid[ALL_X]) - int(grid[FROM_X])
-            y0, y1 = _inside(y0, grid[ALL_Y]) - int(grid[FROM_Y]), _inside(y1, grid[ALL_Y]) - int(grid[FROM_Y])
+            x0, x1 = _clamped(x0, grid[ALL_X]) - int(grid[FROM_X]), _clamped(x1, grid[ALL_X]) - int(grid[FROM_X])
+            y0, y1 = _clamped(y0, grid[ALL_Y]) - int(grid[FROM_Y]), _clamped(y1, grid[ALL_Y]) - int(grid[FROM_Y])
             if x0 < 0 or y0 < 0 or x1 >= grid[NX] or y1 >= grid[NY]:
                 out[k] = False
                 break
@@ -264,19 +286,24 @@ def cells_within_halo(some, cells, there):
 
 
 @njit(inline="always")
-def _over(middle, half, side):
+def _cells_under(middle, half, side):
+    """Return the first and last cell of side `side` under the interval middle - half to middle + half."""
     return math.floor((middle - half) / side - EDGE), math.floor((middle + half) / side + EDGE)
 
 
 @njit(inline="always")
-def _inside(index, count):
+def _clamped(index, count):
+    """Return `index` limited to the range from 0 to count - 1."""
     return min(max(index, 0), int(count) - 1)
 
 
 @jit
 def mark_leaves(first, last, gas, dust, side, leaves, out):
-    """Mark the `leaves` (nx, ny) that hold any particle, and in `out` (x, y) the blocks of `side` by `side` leaves with
-    any such leaf. `gas` and `dust` (nx, ny) are the numbers of particles in each leaf.
+    """Mark leaves with particles in `leaves` (nx, ny), and in `out` (x, y) the blocks of leaves that have any.
+
+    A block has `side` by `side` leaves.
+
+    gas, dust (nx, ny): numbers of gas and dust particles in each leaf. first, last: rows of blocks to mark.
     """
     nx, ny = gas.shape
     for x in range(first, last):
@@ -292,7 +319,10 @@ def mark_leaves(first, last, gas, dust, side, leaves, out):
 
 @jit
 def cut_blocks(blocks, leaves, k, out):
-    """Copy `blocks` (n, 2), indices along x and y, of the kth table of leaves to `out` (n, tables, side, side)."""
+    """Copy the k-th table of leaves, block by block, to out[:, k]; `out` has the shape (n, tables, side, side).
+
+    blocks (n, 2): indices of the blocks along x and y. leaves (nx, ny): the table.
+    """
     side = out.shape[2]
     for n in range(len(blocks)):
         x, y = blocks[n, 0] * side, blocks[n, 1] * side
@@ -304,7 +334,10 @@ def cut_blocks(blocks, leaves, k, out):
 
 @jit
 def add_blocks(blocks, given, k, leaves):
-    """Add table k of `given` (n, tables, side, side) to `blocks` (n, 2), indices along x and y, of that table."""
+    """Add given[:, k], block by block, to the k-th table of leaves, in place; the reverse of `cut_blocks`.
+
+    blocks (n, 2): indices of the blocks along x and y. given (n, tables, side, side). leaves (nx, ny): the table.
+    """
     side = given.shape[2]
     for n in range(len(blocks)):
         x, y = blocks[n, 0] * side, blocks[n, 1] * side

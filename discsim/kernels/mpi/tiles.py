@@ -1,7 +1,4 @@
-"""Tiles of space that ranks own: particles in given tiles, ghosts for grid nodes, and the order of sums.
-
-A ghost for a node is a particle of another rank that deposits mass on the node.
-"""
+"""Tiles of space, each owned by a rank: particles in given tiles, particles at nodes of other ranks, order of sums."""
 
 import numpy as np
 
@@ -12,39 +9,45 @@ from discsim.kernels.common.grid import stencil
 from discsim.kernels.mpi import batches
 
 ONE, TWO, BATCH = index(1), index(2), index(batches.BATCH)
-FEW = 4  # tiles along a side, up to which a batch is tested as a whole
+FEW = 4  # a batch is tested as a whole if it spans at most this many tiles along a side
 
 
 @inline_jit
-def _along(x, low, tiles):
-    # The tile of a coordinate along an axis, or the nearest one; the first one for NaN.
+def _tile_index(x, low, tiles):
+    """Return the index of the tile at the coordinate x along one axis, or of the nearest tile; the first one for NaN.
+
+    low: lower corner along this axis.
+    """
     at = (x - low) * tiles[1]
     return int(min(at, tiles[2] - 1.0)) if at > 0.0 else 0
 
 
 @inline_jit
 def _tile_of(pos, i, tiles):
+    """Return the tile of position i, or the nearest one."""
     tile = 0
     for k in range(pos.shape[1]):
-        tile = tile * tiles[2] + _along(pos[i, k], tiles[0][k], tiles)
+        tile = tile * tiles[2] + _tile_index(pos[i, k], tiles[0][k], tiles)
     return tile
 
 
 @jit
 def tiles_of(first, last, pos, tiles, out):
-    """Write the tile (n,) of each position (n, d), or the nearest one.
+    """Write the tile of each position (n, d) to `out` (n,), or the nearest tile.
 
-    `tiles` is (low, per_tile, along): the lower corner, tiles per length, and tiles along each axis.
+    tiles: (low, per_tile, along), the lower corner (d,), the number of tiles per length, and the number along each
+    axis.
     """
     for i in range(first, last):
         out[i] = _tile_of(pos, i, tiles)
 
 
 @jit
-def in_marked(first, last, pos, bounds, tiles, marked):
-    """Return the indices of positions (n, d) whose tile, or the nearest one, is `marked` (tiles,).
+def rows_in_marked_tiles(first, last, pos, bounds, tiles, marked):
+    """Return the indices of the positions (n, d) whose tile, or nearest tile, is `marked` (tiles,).
 
-    Positions are those of the batches from `first` to `last`, with `bounds` (batches, 4).
+    Only the batches from `first` to `last` are searched. bounds (batches, 4): bounds of each batch. tiles: as in
+    `tiles_of`.
     """
     out, count, tile = np.empty(SOME, np.int64), index(0), np.empty(BATCH, np.uint32)
     for batch in range(index(first), index(last)):
@@ -53,7 +56,7 @@ def in_marked(first, last, pos, bounds, tiles, marked):
             continue
         begin = batch * BATCH
         n = min(BATCH, index(len(pos)) - begin)
-        _tiles_of_some(pos, begin, n, tiles, tile)
+        _write_tiles(pos, begin, n, tiles, tile)
         out = with_room(out, count)
         for i in range(n):
             out[count] = begin + i
@@ -63,13 +66,13 @@ def in_marked(first, last, pos, bounds, tiles, marked):
 
 @inline_jit
 def _marked_about(x0, x1, y0, y1, dim, tiles, marked, most):
-    """Return whether any tile in a box is marked, or the box has more than `most` tiles or is NaN."""
+    """Return whether any tile in the box x0 to x1, y0 to y1 is marked, or it has more than `most` tiles or NaN."""
     low, _, along = tiles
     if not x0 <= x1:
         return True
-    left, right, bottom, top, rows = _along(x0, low[0], tiles), _along(x1, low[0], tiles), 0, 0, 1
+    left, right, bottom, top, rows = _tile_index(x0, low[0], tiles), _tile_index(x1, low[0], tiles), 0, 0, 1
     if dim == 2:
-        bottom, top, rows = _along(y0, low[-1], tiles), _along(y1, low[-1], tiles), along
+        bottom, top, rows = _tile_index(y0, low[-1], tiles), _tile_index(y1, low[-1], tiles), along
     if (right - left + 1) * (top - bottom + 1) > most:
         return True
     for column in range(left, right + 1):
@@ -81,6 +84,7 @@ def _marked_about(x0, x1, y0, y1, dim, tiles, marked, most):
 
 @inline_jit
 def _is_near(x0, x1, y0, y1, dim, margin, ends, tiles, marked):
+    """Return whether the box x0 to x1, y0 to y1 is within `margin` of a marked tile, or not inside `ends` (2, d)."""
     inside = x0 >= ends[0, 0] and x1 <= ends[1, 0]
     if dim == 2:
         inside = inside and y0 >= ends[0, 1] and y1 <= ends[1, 1]
@@ -90,11 +94,12 @@ def _is_near(x0, x1, y0, y1, dim, margin, ends, tiles, marked):
 
 
 @jit
-def near_marked(first, last, pos, bounds, margin, ends, tiles, marked):
-    """Return the indices of positions (n, d) near `marked` tiles (tiles,) or outside the `ends` (2, d).
+def rows_near_marked_tiles(first, last, pos, bounds, margin, ends, tiles, marked):
+    """Return the indices of the positions (n, d) within `margin` of `marked` tiles (tiles,), or outside `ends` (2, d).
 
-    Near is within `margin`. Other positions of the same batches, from `first` to `last`, are included. Wide batches,
-    as after the arrival of particles, are tested row by row.
+    Only the batches from `first` to `last` are searched. Other positions of a batch that qualifies are returned too,
+    unless the batch is wide, as after the arrival of particles; it is then tested row by row. bounds (batches, 4):
+    bounds of each batch. tiles: as in `tiles_of`.
     """
     out, count, dim = np.empty(SOME, np.int64), index(0), pos.shape[1]
     wide = FEW / tiles[1]
@@ -111,8 +116,8 @@ def near_marked(first, last, pos, bounds, margin, ends, tiles, marked):
 
 
 @inline_jit
-def _tiles_of_some(pos, begin, n, tiles, out):
-    """Write the tiles of `n` positions from `begin` on to `out`."""
+def _write_tiles(pos, begin, n, tiles, out):
+    """Write the tiles of the `n` positions from `begin` on to `out`; tiles: as in `tiles_of`."""
     low, per_tile, along = tiles
     if pos.shape[1] == 1:
         for i in range(n):
@@ -128,11 +133,11 @@ def _tiles_of_some(pos, begin, n, tiles, out):
 
 @jit
 def rows_in_global_order(place, held, loose, others):
-    """Return rows in the order of their `place` (n,), the index in the global order, as pieces of consecutive rows.
+    """Return (first, last, rises): rows sorted by their global index, as ranges of successive rows.
 
-    Pieces go from `first` up to `last` (pieces,). The third result is whether the pieces have this order. `place`
-    rises along the first `held` rows, except at the rows `loose`, which are sorted by row. `others` are the loose
-    rows and all rows from `held` on, sorted by `place`.
+    Range i has the rows from first[i] up to last[i]. rises: whether the global index really rises along the ranges.
+    place (n,): global index of each row. It rises along the first `held` rows, except at the rows `loose`, which are in
+    ascending order. others: the rows `loose` and all rows from `held` on, sorted by `place`.
     """
     most = 2 * len(others) + len(loose) + 1
     first, last, count = np.empty(most, np.int64), np.empty(most, np.int64), 0
@@ -142,7 +147,7 @@ def rows_in_global_order(place, held, loose, others):
             stop = loose[skipped] if skipped < len(loose) else held
             found = stop if k == len(others) else _first_not_below(place, row, stop, place[others[k]])
             if row < found:
-                rises &= place[row] >= before and _rise(place, row, found)
+                rises &= place[row] >= before and _is_ascending(place, row, found)
                 row, before = found, place[found - 1]
             if row < stop or stop == held:
                 break
@@ -159,7 +164,7 @@ def rows_in_global_order(place, held, loose, others):
 
 @inline_jit
 def _first_not_below(place, row, stop, least):
-    """Return the first row from `row` on whose `place` is not below `least`, or `stop`; it is mostly near."""
+    """Return the first row from `row` on whose `place` is at least `least`, or `stop`; the search begins near `row`."""
     step = 1
     while row + step < stop and place[row + step] < least:
         row, step = row + step, 2 * step
@@ -174,7 +179,8 @@ def _first_not_below(place, row, stop, least):
 
 
 @inline_jit
-def _rise(place, first, last):
+def _is_ascending(place, first, last):
+    """Return whether `place` rises from row `first` to row `last`."""
     some, falls = place[first:last], 0
     for i in range(index(len(some) - 1)):
         falls += some[i + ONE] < some[i]
@@ -182,10 +188,11 @@ def _rise(place, first, last):
 
 
 @jit
-def others_about(first, last, some, pos, origin, inverse, periodic, tiles, owner, rank):
-    """Return the particles of `some` near nodes of ranks other than `rank`, and these ranks, one entry each (m,).
+def particles_near_other_ranks(first, last, some, pos, origin, inverse, periodic, tiles, owner, rank):
+    """Return (rows, ranks): particles of `some` that share a grid node with other ranks, one entry for each rank.
 
-    `tiles` (nx,) and (ny,): tile of each node along x and y. `owner` (along x, along y): rank of each tile.
+    tiles: two arrays, the tile of each node along x (nx,) and along y (ny,). owner (along x, along y): rank of each
+    tile. rank: this rank. origin, inverse: position of the grid, and one over the side of its cells.
     """
     (at_x, at_y), plane = tiles, pos.shape[1] == 2
     nx, ny, found = len(at_x), len(at_y), np.empty(4, np.int64)
@@ -213,10 +220,10 @@ def others_about(first, last, some, pos, origin, inverse, periodic, tiles, owner
 
 
 @jit
-def leave_own(first, last, x, y, owner, rank, begin, end, out):
-    """Set `out` (nx, ny) to 0 at nodes of ranks other than `rank`, in each row from column `begin` up to `end` (nx,).
+def zero_nodes_of_others(first, last, x, y, owner, rank, begin, end, out):
+    """Set `out` (nx, ny) to 0 at the nodes of ranks other than `rank`, in the columns `begin` to `end` (nx,) of a row.
 
-    `x` (nx,) and `y` (ny,): tiles of the nodes. `owner` (along x, along y): rank of each tile.
+    x (nx,), y (ny,): tiles of the nodes along x and y. owner (along x, along y): rank of each tile.
     """
     for i in range(first, last):
         row, whose = out[i], owner[x[i]]
@@ -226,10 +233,10 @@ def leave_own(first, last, x, y, owner, rank, begin, end, out):
 
 
 @jit
-def take_spans(first, last, field, row, begin, end, start, out):
-    """Copy spans of a field to `out` (m,), from `start` (n + 1,) on.
+def copy_spans(first, last, field, row, begin, end, start, out):
+    """Copy spans of a field to `out` (m,), span k to out[start[k] : start[k + 1]].
 
-    A span has the columns from `begin` up to `end` (n,) of one of the rows `row` (n,).
+    Span k has the columns from begin[k] up to end[k] of the row row[k] of the field.
     """
     for k in range(first, last):
         place, some = out[start[k] : start[k + 1]], field[row[k], begin[k] : end[k]]
@@ -238,8 +245,8 @@ def take_spans(first, last, field, row, begin, end, start, out):
 
 
 @jit
-def put_spans(found, row, begin, end, start, add, field):
-    """Copy spans from `found` (m,) to a field, the reverse of `take_spans`, or with `add` add them to it."""
+def write_spans(found, row, begin, end, start, add, field):
+    """Copy spans from `found` (m,) to a field, the reverse of `copy_spans`; with `add`, add them to it instead."""
     for k in range(len(row)):
         place, some = field[row[k], begin[k] : end[k]], found[start[k] : start[k + 1]]
         for i in range(len(some)):

@@ -1,36 +1,26 @@
-"""Gather from the particles of each cell to its nine nodes, and the sums at nodes, eq. (1) of `nodes.py`."""
+"""Gather: contributions of particles to the nine nodes of their cell, and the sums at nodes, eq. (1) of `nodes.py`."""
 
 import numpy as np
 
 from discsim.jit.decorators import inline_jit, jit, jit_no_alloc
 from discsim.kernels.common.simd import LANES, extract, horizontal_sums, load, store, zeros
-from discsim.kernels.drag.tsc.columns import (
-    NORMS,
-    ROOM,
-    fetch_columns,
-    fetch_next,
-    filled,
-    is_ragged,
-    most_in,
-    renormalise_weights,
-    take,
-    weigh,
-)
+from discsim.kernels.drag.tsc import columns
+from discsim.kernels.drag.tsc.columns import NORMS, SCRATCH_COLUMNS
 from discsim.kernels.drag.tsc.nodes import FIELDS, NORM, ONE, VX, X, Y
 
 
 @inline_jit
-def sum_columns(half, more, n, k, begin, column, room, given, at):
-    """Write a cell's contributions to the nodes k, k + 1 and k + 2.
+def sum_columns(half, more, n, k, begin, column, scratch, contributions, at):
+    """Write the contributions of a cell to the nodes k, k + 1 and k + 2, one vector of fields each, to `contributions`.
 
-    `half` is ONE for mass, position and density, VX for velocity and source. `more`: whether there is a density or
-    source.
+    half: first field of the vector, ONE (mass, position, density) or VX (velocity, source). more: whether there is a
+    density or source. scratch: mass times weights. at: element at which the contributions of the cell begin.
     """
     a, b, c, d = zeros(), zeros(), zeros(), zeros()
     e, f, g, h = zeros(), zeros(), zeros(), zeros()
     i, j, l, m = zeros(), zeros(), zeros(), zeros()
     for p in range(0, n, LANES):
-        u, v, w = load(room, k * n + p), load(room, (k + 1) * n + p), load(room, (k + 2) * n + p)
+        u, v, w = load(scratch, k * n + p), load(scratch, (k + 1) * n + p), load(scratch, (k + 2) * n + p)
         one = zeros() + 1.0  # the weights include the mass
         if half != ONE:
             one = load(column, begin + half * n + p)
@@ -51,82 +41,96 @@ def sum_columns(half, more, n, k, begin, column, room, given, at):
             d += u * one
             h += v * one
             m += w * one
-    store(given, at + half + k * FIELDS, horizontal_sums(a, b, c, d))
-    store(given, at + half + (k + 1) * FIELDS, horizontal_sums(e, f, g, h))
-    store(given, at + half + (k + 2) * FIELDS, horizontal_sums(i, j, l, m))
+    store(contributions, at + half + k * FIELDS, horizontal_sums(a, b, c, d))
+    store(contributions, at + half + (k + 1) * FIELDS, horizontal_sums(e, f, g, h))
+    store(contributions, at + half + (k + 2) * FIELDS, horizontal_sums(i, j, l, m))
 
 
 @inline_jit
-def give(n, dense, sources, begin, column, room, given, at):
-    """Write a cell's contributions to its nine nodes: weighted sums over its particles, 0 for absent fields."""
+def write_contributions(n, dense, sources, begin, column, scratch, contributions, at):
+    """Write the contributions of a cell to its nine nodes: weighted sums over its particles, 0 for absent fields.
+
+    Arguments as in `sum_columns`. dense, sources: whether the particles have a density, and sources.
+    """
     for k in range(0, 9, 3):  # np.int64: numba compiles one specialisation per literal
-        sum_columns(np.int64(ONE), dense, n, k, begin, column, room, given, at)
-        sum_columns(np.int64(VX), sources, n, k, begin, column, room, given, at)
+        sum_columns(np.int64(ONE), dense, n, k, begin, column, scratch, contributions, at)
+        sum_columns(np.int64(VX), sources, n, k, begin, column, scratch, contributions, at)
 
 
 @inline_jit
-def own_moments(given, at, own, into):
-    """Write a cell's own moments, from its contributions to nodes.
+def sum_of_three(table, begin, step):
+    """Return the sum of the vectors at the elements `begin`, begin + step and begin + 2 step of `table`."""
+    return load(table, begin) + load(table, begin + step) + load(table, begin + 2 * step)
 
-    The weights of a particle sum to 1, and the mean position of the nodes with these weights is that of the particle.
+
+@inline_jit
+def own_moments(contributions, at, moments, into):
+    """Write the moments of a cell, from element `into` of `moments` on, from its contributions at element `at`.
+
+    The weights of a particle add up to 1, and the mean of the node positions with these weights is its own position.
     """
     for half in (0, LANES):
         begin = at + half
-        low = load(given, begin) + load(given, begin + FIELDS) + load(given, begin + 2 * FIELDS)
-        middle = load(given, begin + 3 * FIELDS) + load(given, begin + 4 * FIELDS) + load(given, begin + 5 * FIELDS)
-        high = load(given, begin + 6 * FIELDS) + load(given, begin + 7 * FIELDS) + load(given, begin + 8 * FIELDS)
-        below = load(given, begin) + load(given, begin + 3 * FIELDS) + load(given, begin + 6 * FIELDS)
-        above = load(given, begin + 2 * FIELDS) + load(given, begin + 5 * FIELDS) + load(given, begin + 8 * FIELDS)
-        store(own, into + half, low + middle + high)
-        store(own, into + half + FIELDS, high - low)
-        store(own, into + half + 2 * FIELDS, above - below)
+        low = sum_of_three(contributions, begin, FIELDS)
+        middle = sum_of_three(contributions, begin + 3 * FIELDS, FIELDS)
+        high = sum_of_three(contributions, begin + 6 * FIELDS, FIELDS)
+        below = sum_of_three(contributions, begin, 3 * FIELDS)
+        above = sum_of_three(contributions, begin + 2 * FIELDS, 3 * FIELDS)
+        store(moments, into + half, low + middle + high)
+        store(moments, into + half + FIELDS, high - low)
+        store(moments, into + half + 2 * FIELDS, above - below)
 
 
 @inline_jit
-def gather_species(block, part, kind, cells, nodes, frame, law, begin, column, room, square):
-    """Write the columns of one population in a block, its contributions to nodes and its own moments."""
-    flat, s, home = kind.pos.shape[1] == 1, kind.first + part, cells.home[block]
-    cell, first = cells.slot[block, s], kind.start[block * kind.number + part]
+def gather_species(block, part, kind, cells, nodes, frame, law, begin, column, scratch, square):
+    """Write the columns of one population in a block, its contributions to nodes, and its moments.
+
+    part: number of the population. begin: element of `column` at which its columns begin. The other arguments are those
+    of `gather`.
+    """
+    flat, s, centre_node = kind.pos.shape[1] == 1, kind.first + part, cells.centre_node[block]
+    cell, first = cells.species_row[block, s], kind.start[block * kind.number + part]
     count = kind.start[block * kind.number + part + 1] - first
     if cell < 0:
         return
-    n = filled(count)
-    if count > 0:  # a block without gas has a slot for gas
-        take(block, first, count, n, kind, cells, frame, law, begin, column, room)
-        fetch_columns(n, len(kind.own) > 0, begin, column)
-        fetch_next(first + count, count, kind)
-        weigh(n, flat, begin, column, room)
+    n, dense, sources = columns.padded_count(count), len(kind.density) > 0, len(kind.source) > 0
+    start = cell * 9 * FIELDS
+    if count > 0:  # a block without gas has a row for gas
+        columns.write_columns(block, first, count, n, kind, cells, frame, law, begin, column, scratch)
+        columns.prefetch_columns(n, sources, begin, column)
+        columns.prefetch_next(first + count, count, kind)
+        columns.weigh_by_mass(n, flat, begin, column, scratch)
     if len(square) > 0:
-        square_of(block, n, begin, column, room, square)
-    ragged = kind.first > 0 and is_ragged(home, flat, nodes.about, nodes.sums)
-    for again in range(2 if ragged else 1):
+        write_squares(block, n, begin, column, scratch, square)
+    gasless = kind.first > 0 and columns.has_gasless_nodes(centre_node, flat, nodes.stencil, nodes.sums)
+    for again in range(2 if gasless else 1):
         if again:
-            renormalise_weights(home, n, nodes.about, nodes.sums, begin, column, room)
-        give(n, len(kind.density) > 0, len(kind.own) > 0, begin, column, room, cells.given, cell * 9 * FIELDS)
-        if not again:  # before nodes without gas are left out
-            own_moments(cells.given, cell * 9 * FIELDS, cells.own, cell * 3 * FIELDS)
-    if ragged:
+            columns.renormalise_weights(centre_node, n, nodes.stencil, nodes.sums, begin, column, scratch)
+        write_contributions(n, dense, sources, begin, column, scratch, cells.contributions, start)
+        if not again:  # moments need the weights before renormalisation
+            own_moments(cells.contributions, start, cells.moments, cell * 3 * FIELDS)
+    if gasless:
         for at in range(0, n, LANES):
-            store(column, begin + NORM * n + at, load(room, NORMS * n + at))
+            store(column, begin + NORM * n + at, load(scratch, NORMS * n + at))
 
 
 @inline_jit
-def square_of(block, n, begin, column, room, square):
-    """Write the contributions of the gas of a cell to sum m w x^2 at its nine nodes."""
+def write_squares(block, n, begin, column, scratch, square):
+    """Write the contributions of the gas of a cell to sum m w x^2 at its nine nodes to `square` (blocks, 9)."""
     a, b, c, d, e, f = zeros(), zeros(), zeros(), zeros(), zeros(), zeros()
     g, h, i = zeros(), zeros(), zeros()
     for at in range(0, n, LANES):
         x, y = load(column, begin + X * n + at), load(column, begin + Y * n + at)
         r2 = x * x + y * y
-        a += load(room, at) * r2
-        b += load(room, at + n) * r2
-        c += load(room, at + 2 * n) * r2
-        d += load(room, at + 3 * n) * r2
-        e += load(room, at + 4 * n) * r2
-        f += load(room, at + 5 * n) * r2
-        g += load(room, at + 6 * n) * r2
-        h += load(room, at + 7 * n) * r2
-        i += load(room, at + 8 * n) * r2
+        a += load(scratch, at) * r2
+        b += load(scratch, at + n) * r2
+        c += load(scratch, at + 2 * n) * r2
+        d += load(scratch, at + 3 * n) * r2
+        e += load(scratch, at + 4 * n) * r2
+        f += load(scratch, at + 5 * n) * r2
+        g += load(scratch, at + 6 * n) * r2
+        h += load(scratch, at + 7 * n) * r2
+        i += load(scratch, at + 8 * n) * r2
     store(square, block * 9, horizontal_sums(a, b, c, d))
     store(square, block * 9 + LANES, horizontal_sums(e, f, g, h))
     square[block, 8] = extract(horizontal_sums(i, i, i, i), 0)
@@ -134,30 +138,31 @@ def square_of(block, n, begin, column, room, square):
 
 @jit
 def gather(block_from, block_to, kind, cells, nodes, frame, law, begin, column, square):
-    """Write the columns of each population in the blocks, and the contributions and own moments of each cell.
+    """Write the columns of each population in the blocks, and the contributions and the moments of each cell.
 
-    Columns start at the elements `begin` (blocks times populations,) of `column`. Contributions go to `cells.given`,
-    own moments to `cells.own`. `square` (blocks, 9), if it has entries, gets the gas's contributions to sum m w x^2.
+    The columns of a population in a block start at an element of `column`, given in `begin` (blocks * populations +
+    1,). Contributions and moments are written to `cells`. square (blocks, 9): output, contributions of gas to sum m w
+    x^2; empty if it is not needed. law: form of the drag law.
     """
-    room = np.empty(ROOM * most_in(block_from, block_to, kind))
+    scratch = np.empty(SCRATCH_COLUMNS * columns.longest_column(block_from, block_to, kind))
     for block in range(block_from, block_to):
         for part in range(kind.number):
             at = begin[block * kind.number + part]
-            gather_species(block, part, kind, cells, nodes, frame, law, at, column, room, square)
+            gather_species(block, part, kind, cells, nodes, frame, law, at, column, scratch, square)
 
 
 @inline_jit
-def collect_species(n, s, near, slot, given, sums):
-    """Write the sums of eq. (1) for a species at a node, positions from the node."""
+def collect_species(n, s, node_cells, species_row, contributions, sums):
+    """Write the sums of eq. (1) for species s at node n to `sums`; positions are relative to the node."""
     places, motion, x, y = zeros(), zeros(), 0.0, 0.0
     for k in range(9):
-        block, j = near[n, k], 8 - k
-        cell = slot[block, s] if block >= 0 else -1
+        block, j = node_cells[n, k], 8 - k
+        cell = species_row[block, s] if block >= 0 else -1
         if cell >= 0:
             at = (cell * 9 + j) * FIELDS
-            one = load(given, at)
+            one = load(contributions, at)
             places += one
-            motion += load(given, at + LANES)
+            motion += load(contributions, at + LANES)
             # The node lies at (-i, -j) from the cell's centre.
             x += (k // 3 - 1) * extract(one, ONE)
             y += (k % 3 - 1) * extract(one, ONE)
@@ -168,22 +173,25 @@ def collect_species(n, s, near, slot, given, sums):
 
 
 @inline_jit
-def collect_square(n, near, given, square):
-    """Return sum m w x^2 of the gas at a node, x from the node."""
+def collect_square(n, node_cells, contributions, square):
+    """Return sum m w x^2 over the gas at node n, with x relative to the node."""
     total = 0.0
     for k in range(9):
-        block, i, j = near[n, k], k // 3 - 1, k % 3 - 1
+        block, i, j = node_cells[n, k], k // 3 - 1, k % 3 - 1
         if block >= 0:
-            x, y = given[block, 8 - k, X], given[block, 8 - k, Y]
-            total += square[block, 8 - k] + 2.0 * (i * x + j * y) + (i * i + j * j) * given[block, 8 - k, ONE]
+            x, y = contributions[block, 8 - k, X], contributions[block, 8 - k, Y]
+            total += square[block, 8 - k] + 2.0 * (i * x + j * y) + (i * i + j * j) * contributions[block, 8 - k, ONE]
     return total
 
 
 @jit_no_alloc
 def collect(node_from, node_to, kind, cells, nodes, square):
-    """Write the sums of eq. (1) at each node, for the gas or for all dust species."""
+    """Write the sums of eq. (1) at each node to `nodes.sums`, for the gas or for all dust species.
+
+    If `square` has entries, also writes sum m w x^2 over the gas to `nodes.square`.
+    """
     for n in range(node_from, node_to):
         for s in range(kind.first, kind.first + kind.number):
-            collect_species(n, s, nodes.near, cells.slot, cells.given, nodes.sums)
+            collect_species(n, s, nodes.node_cells, cells.species_row, cells.contributions, nodes.sums)
         if len(square) > 0:
-            nodes.square[n] = collect_square(n, nodes.near, cells.given, square)
+            nodes.square[n] = collect_square(n, nodes.node_cells, cells.contributions, square)

@@ -1,7 +1,7 @@
-"""Nodes of drag cells: the lattice of blocks of each level, and the neighbours of each node.
+"""Nodes of drag cells: the lattice of nodes of each level of blocks, and the neighbours of each node.
 
-Blocks (`kernels/drag/blocks.py`) of one level are cells of one regular lattice; a node is the centre of a cell. A
-lattice has a border of nodes on all sides. It wraps where space is periodic and whole cells fill the period.
+Blocks (`kernels/drag/blocks.py`) of one level are cells of a regular lattice. A node is the centre of a cell. A lattice
+has a border of one node on all sides. It is periodic where space is periodic and whole cells fill the period.
 """
 
 from typing import NamedTuple
@@ -13,10 +13,10 @@ from discsim.jit.index import index
 
 
 class Levels(NamedTuple):
-    """Lattice of each level, with a border of nodes on all sides.
+    """Lattice of nodes of each level of blocks, with a border of one node on all sides.
 
-    width, height (levels,): cells along x and y. wrap (levels, 2): whether the lattice wraps along each axis.
-    first (levels + 1,): index of the first node of each level.
+    width, height (levels,): number of cells along x and y. wrap (levels, 2): whether the lattice is periodic along x
+    and y. first (levels + 1,): index of the first node of each level.
     """
 
     width: np.ndarray
@@ -25,18 +25,24 @@ class Levels(NamedTuple):
     first: np.ndarray
 
 
-def lattices(nx: int, ny: int, joined: np.ndarray, levels: int) -> Levels:
-    """Return the levels of a lattice of nx by ny leaves; joined (2,): whether leaves wrap along each axis."""
+def lattice_levels(nx: int, ny: int, joined: np.ndarray, levels: int) -> Levels:
+    """Return the node lattices of all levels above a lattice of nx by ny leaves.
+
+    joined (2,): whether the leaves are periodic along x and y.
+    """
     sides = 2 ** np.arange(levels)
     width, height = -(-nx // sides), -(-ny // sides)
-    # A level whose cells do not fill the period does not wrap.
+    # A level whose cells do not fill the period is not periodic.
     wrap = np.column_stack([width * sides == nx, height * sides == ny]) & joined
     return Levels(width, height, wrap, np.append(0, np.cumsum((width + 2) * (height + 2))))
 
 
 @inline_jit
 def step_along(index, by, count, wraps):
-    """Return the index of a neighbour along one axis; cell i has the index i + 1, after the border."""
+    """Return the index of the node `by` nodes further along an axis with `count` cells.
+
+    Cell i has the index i + 1, as the border comes first. wraps: whether the lattice is periodic along the axis.
+    """
     index += by
     if wraps:
         if index < 1:
@@ -48,8 +54,10 @@ def step_along(index, by, count, wraps):
 
 @inline_jit
 def neighbours(ix, iy, level, levels, flat, out):
-    """Write the nine nodes about (ix, iy) of a level, itself in the middle, to `out` (9, 3): index, or -1 beyond the
-    border, and position on the lattice; `flat` in one dimension.
+    """Write the nine nodes about the node (ix, iy) of a level, itself in the middle, to `out` (9, 3).
+
+    The columns are the index of the node, -1 if it is beyond the border, and its position on the lattice. flat: whether
+    space is one-dimensional.
     """
     width, rows, begin = levels.width[level], levels.height[level] + 2, levels.first[level]
     for i in range(3):
@@ -63,16 +71,17 @@ def neighbours(ix, iy, level, levels, flat, out):
 
 @inline_jit
 def is_inner(ix, iy, level, levels, flat):
-    """Return whether all nine nodes about a node are at fixed offsets in memory, as for nearly all nodes."""
+    """Return whether the indices of the nine nodes about (ix, iy) differ from its own by fixed offsets, as for most."""
     return 1 < ix < levels.width[level] and 1 < iy < levels.height[level] and not flat
 
 
 @inline_jit
 def number_nodes(level, leaf, levels, flat, at, number_of, place, near):
-    """Number the nodes about blocks in the order of the blocks; return how many there are.
+    """Number the nodes about blocks, in the order of the blocks; return the number of nodes.
 
-    Writes the block of a node to `at`, its number to `number_of`, and its level and position on the lattice to `place`
-    (n, 3). `near` (9, 3) is overwritten.
+    level (blocks,), leaf (blocks, 2): level and first leaf of each block. Writes, for each lattice node, its block to
+    `at` and its number to `number_of`, which must be -1 on input; and for each numbered node, its level and position on
+    the lattice to `place` (n, 3). near (9, 3): overwritten.
     """
     total = 0
     for block in range(len(level)):
@@ -100,7 +109,11 @@ def number_nodes(level, leaf, levels, flat, at, number_of, place, near):
 
 
 @inline_jit
-def link_nodes(total, levels, flat, at, number_of, place, near, about, blocks):
+def link_nodes(total, levels, flat, at, number_of, place, near, stencil, blocks):
+    """Write the nine nodes about each of the `total` nodes to `stencil` (n, 9), and the nine blocks to `blocks` (n, 9).
+
+    at, number_of, place: results of `number_nodes`. near (9, 3): overwritten. The entry is -1 where there is none.
+    """
     for n in range(total):
         level, ix, iy = np.int64(place[n, 0]), np.int64(place[n, 1]), np.int64(place[n, 2])
         if is_inner(ix, iy, level, levels, flat):
@@ -109,40 +122,43 @@ def link_nodes(total, levels, flat, at, number_of, place, near, about, blocks):
             for i in range(3):
                 for j in range(3):
                     node = index(below + i * rows + j)
-                    about[n, 3 * i + j], blocks[n, 3 * i + j] = number_of[node], at[node]
+                    stencil[n, 3 * i + j], blocks[n, 3 * i + j] = number_of[node], at[node]
             continue
         neighbours(ix, iy, level, levels, flat, near)
         for k in range(9):
             node = near[k, 0]
-            about[n, k] = number_of[node] if node >= 0 else -1
+            stencil[n, k] = number_of[node] if node >= 0 else -1
             blocks[n, k] = at[node] if node >= 0 else -1
 
 
 @jit
 def list_nodes(level, leaf, levels, flat):
-    """Return the node of each block (blocks,) and, for each node about a block, its level and position on the lattice
-    (n, 3), the nodes about it (n, 9) and the blocks about it (n, 9), -1 if there is none.
+    """Return (centre_node, place, stencil, blocks) of the nodes about blocks.
 
-    leaf (blocks, 2): first leaf of each block.
+    centre_node (blocks,): index of the node at the centre of each block. place (n, 3): level, and position on the
+    lattice, of each node. stencil, blocks (n, 9): indices of the nodes and of the blocks about each node, -1 where
+    there is none. level (blocks,), leaf (blocks, 2): level and first leaf of each block. flat: whether space is
+    one-dimensional.
     """
     most, near = levels.first[-1], np.empty((9, 3), np.int64)
     at, number_of = np.full(most, -1, np.int32), np.full(most, -1, np.int32)
     place = np.empty((min(most, 9 * len(level)), 3), np.int32)
     total = number_nodes(level, leaf, levels, flat, at, number_of, place, near)
-    about, blocks = np.empty((total, 9), np.int32), np.empty((total, 9), np.int32)
-    link_nodes(total, levels, flat, at, number_of, place, near, about, blocks)
-    home = np.empty(len(level), np.int32)
+    stencil, blocks = np.empty((total, 9), np.int32), np.empty((total, 9), np.int32)
+    link_nodes(total, levels, flat, at, number_of, place, near, stencil, blocks)
+    centre_node = np.empty(len(level), np.int32)
     for n in range(total):
         if blocks[n, 4] >= 0:
-            home[blocks[n, 4]] = n
-    return home, place[:total], about, blocks
+            centre_node[blocks[n, 4]] = n
+    return centre_node, place[:total], stencil, blocks
 
 
 @jit_no_alloc
 def node_centres(first, last, place, origin, leaf, begin, out):
-    """Write the positions (n, 2) of nodes from their level and position on the lattice, `place` (n, 3).
+    """Write the positions of nodes to `out` (n, 2).
 
-    The lattice begins at the leaf `begin` (2,); `leaf` is the side of a leaf.
+    place (n, 3): level of each node, and its position on the lattice, which begins at the leaf `begin` (2,). origin
+    (2,): position of the lattice of leaves. leaf: side of a leaf.
     """
     for n in range(first, last):
         side = leaf * 2.0 ** place[n, 0]

@@ -1,23 +1,24 @@
-"""Implicit drag between nodes of a lattice: gathered, relaxed and scattered with one set of weights.
+"""Implicit drag at the nodes of a lattice: particles are gathered to nodes and scattered back with the same weights.
 
-Nodes J are the centres of cells, w the weights of the triangular-shaped cloud (TSC; Hockney & Eastwood 1988, ch. 5)
-in units of the cell. For each species s a node holds
+Nodes J are the centres of cells. w is the weight of a particle on a node: triangular-shaped cloud (TSC; Hockney &
+Eastwood 1988, ch. 5), in units of the cell. For each species s (g: gas) a node has
 
     M_s = sum m w,   X_s = sum m w x / M_s,   V_s = sum m w y / M_s,   A_s = sum m w b / M_s              (1)
 
-with y velocities (relative to Kepler's about a star) and b sources, the accelerations of this species alone. The slip
-is that at the gas's centroid,
+with the velocity y (about a star, relative to Kepler's) and the source b of each particle. A source is an acceleration
+that acts on one species only. The slip is computed at the centroid of the gas,
 
     V_s + G (X_g - X_s) - V_g,                                                                           (2)
 
-G the velocity slope pooled within species over the nine cells about the node. The slip of the sources is that at the
-node itself,
+with the velocity slope G in the nine cells about the node, fitted to all species, each about its own mean. The
+difference of the sources is computed at the node itself,
 
     A_s - B_s X_s - (A_g - B_g X_g),                                                                     (2b)
 
-B_s the slope of a species' own sources there. Where t_stop << dt the drag undoes nearly all that the sources do in a
-step, and with (2b) sources linear in space then leave no error. The slip relaxes exactly, sources included. This
-changes the velocities by D_s, with sum_s M_s D_s = 0, and the velocity of a particle by
+with the slope B_s of the sources of species s there. Where t_stop << dt, drag undoes nearly all the effect of the
+sources in a step; with (2b), sources that are linear in space then leave no error. The slip relaxes exactly, with the
+sources included. The velocities at the node thereby change by D_s, with sum_s M_s D_s = 0, and the velocity of a
+particle by
 
     sum_J w_J D_s,J,                                                                                     (3)
 
@@ -25,13 +26,13 @@ so that momentum is exact. In two dimensions the offset between the centroids ch
 
     sum_s M_s X_s x D_s.                                                                                 (4)
 
-A rotation of the gas at the node about its centroid, scattered with the same weights, cancels (4). The deviation of a
-particle's velocity from the linear fit of its own species in its cell decays at the species' own rate.
+A rotation of the gas at the node about its centroid, scattered with the same weights, compensates (4). The residual
+velocity of a particle about the linear fit of its own species in its cell decays at the drag rate of this species.
 
-The particles of a cell are packed in columns (`nodes_columns`). `nodes_gather` computes (1), `nodes_grains` (1) for
-many classes of grains, `nodes_fit` G and B, and `nodes_relax` (2) and (3). `nodes_sharpen` restores what the clouds
-smoothed away and computes the rotation that cancels (4). `nodes_scatter` changes the particles. In one dimension the
-second components exist and are 0.
+The modules of this folder: `columns.py` packs the particles of a cell in columns. `gather.py` computes (1), or
+`grains.py` for many classes of grains. `fit.py` computes G and B, and `relax.py` (2) and D_s. `antidiffusion.py`
+corrects D_s for the smoothing by the weights, and computes the rotation for (4). `scatter.py` changes the particles. In
+one dimension the second components of vectors exist and are 0.
 """
 
 from typing import NamedTuple
@@ -40,52 +41,55 @@ import numpy as np
 
 from discsim.kernels.common.simd import LANES
 
-# Fields of a particle that nodes sum, two vectors of LANES: 1, position (2) from the centre of its cell in sides, the
-# density that the drag law takes, velocity (2) and source (2). In the columns of the particles MASS replaces ONE and,
-# after the gather, the norm of the weights replaces RHO.
+# Fields of a particle that nodes sum, two vectors of LANES: the number 1; position (2) from the centre of its cell, in
+# sides of the cell; density for the drag law; velocity (2); source (2). In the columns of particles, the mass replaces
+# the number 1 and, after the gather, the norm of the weights replaces the density.
 ONE, X, Y, RHO, VX, VY, BX, BY, FIELDS = range(9)
 MASS, NORM = ONE, RHO
-# A cell's own moments of these fields: with the weights m, m x and m y.
+# The moments of a cell are sums of these fields over its particles, with the weights m, m x and m y.
 WHOLE, BY_X, BY_Y = range(3)
-# Values that a node scatters to the particles of a species, one vector: change of velocity at the node (2), which
-# includes that by the rotation; rate of rotation; rate of drag.
+# Values that a node scatters to the particles of a species, one vector: velocity change at the node (2), which includes
+# the change by the rotation; angular velocity of the rotation; drag rate.
 DX, DY, SPIN, RATE = range(LANES)
 # Components of a slope: d/dx of both velocity components, then d/dy.
 XX, XY, YX, YY = range(4)
-LEAST_INERTIA = 0.01  # over mass times side^2: minimum for the rotation of gas and for slopes of sources
+LEAST_INERTIA = 0.01  # smallest inertia over mass times side^2, for the rotation of gas and for slopes of sources
 
 
-class Cells(NamedTuple):
-    """Drag cells, one for each block, and their sums.
+class CellSums(NamedTuple):
+    """Drag cells, one for each block, with sums over their particles.
 
-    `corner` (n, 2); `side` (n,); `home` (n,): the node at the centre. `slot` (n, species): row of each species of a
-    cell in the sums; that of the gas is the block's index, that of absent dust -1. `given` (slots, 9, FIELDS):
-    contributions to the nine nodes about the cell. `own` (slots, 3, FIELDS): own moments. `total` (n, 3, FIELDS):
-    moments of all the dust, and `share` (grains,): mass over the sum of weights, both of grains taken one by one
-    (`nodes_grains`), else without entries. `period` (2,): of space, inf where it is open.
+    corner (n, 2), side (n,): lower corner and side of each cell. centre_node (n,): index of the node at the centre of
+    the cell. species_row (n, species): row of each species of a cell in the tables of sums. The row of the gas is the
+    index of the cell; the row of absent dust is -1. contributions (rows, 9, FIELDS): weighted sums of the particles to
+    the nine nodes about the cell. moments (rows, 3, FIELDS): moments of the particles. dust_moments (n, 3, FIELDS):
+    moments of all dust in the cell. scaled_mass (grains,): mass of each grain, divided by the sum of its weights on
+    nodes with gas. The last two are empty unless nodes sum single grains (`grains.py`). period (2,): period of space
+    along x and y, inf where space is open.
     """
 
     corner: np.ndarray
     side: np.ndarray
-    home: np.ndarray
-    slot: np.ndarray
-    given: np.ndarray
-    own: np.ndarray
-    total: np.ndarray
-    share: np.ndarray
+    centre_node: np.ndarray
+    species_row: np.ndarray
+    contributions: np.ndarray
+    moments: np.ndarray
+    dust_moments: np.ndarray
+    scaled_mass: np.ndarray
     period: np.ndarray
 
 
-class Nodes(NamedTuple):
-    """Nodes in reach of cells, and their sums.
+class NodeSums(NamedTuple):
+    """Nodes that the particles of cells contribute to, with their sums.
 
-    `about` (n, 9): the nodes about each node; `near` (n, 9): the cells about it; both -1 where there is none.
-    `centre` (n, 2): position. `sums` (n, species, FIELDS): eq. (1) times M, positions from the node. `square` (n,):
-    sum m w x^2 of the gas, without entries if there is no rotation.
+    stencil (n, 9): indices of the nine nodes about each node, itself in the middle. node_cells (n, 9): indices of the
+    nine cells about each node. An index is -1 where there is none. centre (n, 2): position of each node. sums
+    (n, species, FIELDS): the sums of eq. (1) before the division by M_s; positions are relative to the node. square
+    (n,): sum m w x^2 over the gas; empty if no rotation is computed.
     """
 
-    about: np.ndarray
-    near: np.ndarray
+    stencil: np.ndarray
+    node_cells: np.ndarray
     centre: np.ndarray
     sums: np.ndarray
     square: np.ndarray
@@ -94,8 +98,8 @@ class Nodes(NamedTuple):
 class Slopes(NamedTuple):
     """Slopes at nodes, per side of a cell.
 
-    `pooled` (n, 4): of velocities, pooled within species. `source` (n, species, 4): of each species' sources, and
-    `known` (n, species): whether the slope of the sources exists.
+    pooled (n, 4): slopes of the velocity, fitted to all species together. source (n, species, 4): slopes of the sources
+    of each species. known (n, species): whether the slope of the sources could be fitted.
     """
 
     pooled: np.ndarray
@@ -103,11 +107,11 @@ class Slopes(NamedTuple):
     known: np.ndarray
 
 
-class Change(NamedTuple):
-    """Changes by the drag at nodes.
+class DragChanges(NamedTuple):
+    """Changes by the drag at nodes, before the correction for smoothing.
 
-    `slip` and `drive` (n, species, 2): velocity changes by the slip and by sources. `rate` (n, species): rate of the
-    drag. `mass` (n, species): reduced mass of gas and species.
+    slip, drive (n, species, 2): velocity changes due to the slip, and due to sources. rate (n, species): drag rate.
+    mass (n, species): reduced mass of the gas and a dust species.
     """
 
     slip: np.ndarray
@@ -116,15 +120,15 @@ class Change(NamedTuple):
     mass: np.ndarray
 
 
-class Sharp(NamedTuple):
-    """Changes at nodes after sharpening, as particles take them.
+class NodeImpulses(NamedTuple):
+    """Changes at nodes that are scattered to particles, after the correction for smoothing.
 
-    `value` (n, species, LANES): values that a node scatters to each species, positions from the node. `slope` (n, 4):
-    of velocities. `heat` (n,): energy lost. `turn` (n, 2, LANES): the rotation, and the motion on which it does no
-    work (`nodes_heat`). The last two have no entries if the heat is not used.
+    value (n, species, LANES): values DX to RATE of each species. slope (n, 4): slopes of the velocity. heat (n,):
+    energy lost. rotation (n, 2, LANES): rotation of the gas at the node, and the motion on which it does no work
+    (`heat.py`). heat is empty without heating, and rotation also if no rotation is computed.
     """
 
     value: np.ndarray
     slope: np.ndarray
     heat: np.ndarray
-    turn: np.ndarray
+    rotation: np.ndarray

@@ -1,4 +1,4 @@
-"""Relaxation at a node: the changes of eq. (3) of `kernels/drag/tsc/nodes.py` by the slips of eqs. (2) and (2b)."""
+"""Relaxation of the slip at nodes: velocity changes D_s from the slips of eqs. (2) and (2b) of `nodes.py`."""
 
 from typing import NamedTuple
 
@@ -6,25 +6,26 @@ import numpy as np
 
 from discsim.formulas.laws import CONSTANT, EPSTEIN
 from discsim.jit.decorators import inline_jit, jit, jit_no_alloc
-from discsim.kernels.drag.coupled import ROOM
-from discsim.kernels.drag.frame import kepler
+from discsim.kernels.drag.coupled import SCRATCH_COLUMNS
+from discsim.kernels.drag.frame import orbital_frequency
 from discsim.kernels.drag.laws import stopping_time
-from discsim.kernels.drag.nonlinear import relax_by_speed
-from discsim.kernels.drag.relax import relax_apart, relax_means, response
+from discsim.kernels.drag.nonlinear import relax_nonlinear
+from discsim.kernels.drag.relax import relax_means, relax_separately, response
 from discsim.kernels.drag.tsc.nodes import BX, ONE, RHO, VX, WHOLE, XX, YX, X, Y
+from discsim.kernels.drag.tsc.weights import slope_weight
 
 
 @inline_jit
-def source_slope(n, s, about, slopes, c):
-    """Return the slope along x and y of component c of a species' sources at a node.
+def source_slope(n, s, stencil, slopes, c):
+    """Return the slopes along x and along y of component c of the sources of species s at node n.
 
-    A node without a slope of its own has the mean over the nodes about it.
+    At a node without a slope of its own they are the mean over the nine nodes about it.
     """
     if slopes.known[n, s]:
         return slopes.source[n, s, XX + c], slopes.source[n, s, YX + c]
     count, along, across = 0, 0.0, 0.0
     for k in range(9):
-        other = about[n, k]
+        other = stencil[n, k]
         if other >= 0 and slopes.known[other, s]:
             count += 1
             along += slopes.source[other, s, XX + c]
@@ -33,8 +34,11 @@ def source_slope(n, s, about, slopes, c):
 
 
 @inline_jit
-def velocities(n, nodes, slopes, sourced, y, b):
-    """Write the velocities of all species (n, 2) at the gas's centroid, and their sources (n, 2) at the node."""
+def node_velocities(n, nodes, slopes, sourced, y, b):
+    """Write to `y` (species, 2) the velocities of all species at the centroid of the gas, and to `b` their sources.
+
+    The sources are those at the node.
+    """
     sums = nodes.sums
     for s in range(sums.shape[1]):
         m = sums[n, s, ONE]
@@ -47,20 +51,21 @@ def velocities(n, nodes, slopes, sourced, y, b):
             y[s, c] += slopes.pooled[n, XX + c] * off_x + slopes.pooled[n, YX + c] * off_y
             b[s, c] = 0.0
             if sourced[s]:
-                along, across = source_slope(n, s, nodes.about, slopes, c)
+                along, across = source_slope(n, s, nodes.stencil, slopes, c)
                 b[s, c] = (sums[n, s, BX + c] - along * sums[n, s, X] - across * sums[n, s, Y]) / m  # eq. (2b)
 
 
 @inline_jit
-def times_at(n, nodes, sound, law, frame, mass, time):
-    """Write masses and stopping times at vanishing slip of all species at a node.
+def node_stopping_times(n, nodes, sound, law, frame, mass, time):
+    """Write the masses and the stopping times at zero slip of all species at node n to `mass` and `time` (species,).
 
-    Returns the gas's density, Omega, and whether there is dust.
+    Returns (density, Omega, has_dust): gas density, orbital frequency, and whether there is any dust. sound (nodes,):
+    thermal speed of the gas, or None.
     """
-    gas, omega, c_s, met = nodes.sums[n, 0, ONE], 0.0, 1.0, False
+    gas, omega, c_s, has_dust = nodes.sums[n, 0, ONE], 0.0, 1.0, False
     if frame.star > 0.0:
         x, y = nodes.centre[n, 0], nodes.centre[n, 1]
-        omega = kepler(x * x + y * y, frame.star, frame.softening)
+        omega = orbital_frequency(x * x + y * y, frame.star, frame.softening)
     density = nodes.sums[n, 0, RHO] / gas  # Epstein's law without a star: density times sound speed
     if sound is not None:  # noqa: SIM102
         if law.code != EPSTEIN:
@@ -70,17 +75,17 @@ def times_at(n, nodes, sound, law, frame, mass, time):
         m, own = nodes.sums[n, s, ONE], nodes.sums[n, s, RHO]
         mass[s], time[s] = m, np.inf
         if m > 0.0:
-            met = True
+            has_dust = True
             ratio = own / m / density if own > 0.0 else m / gas
             time[s] = stopping_time(law.code, law.grains[s - 1], ratio, density, c_s, omega)
             if law.code != CONSTANT and own > 0.0:  # grains have individual sizes
                 time[s] *= own / m
-    return density, omega, met
+    return density, omega, has_dust
 
 
 @inline_jit
-def relax_two(n, mass, time, y, b, law, change):
-    """Relax the gas and the one population at a node to their mean, or for one-way drag the dust to the gas."""
+def relax_one_population(n, mass, time, y, b, law, change):
+    """Relax the gas and the one population at node n, and write the velocity changes to `change`."""
     rate = 1.0 / time[1]
     of_gas, of_dust = 0.0, 1.0
     if law.two_way:
@@ -94,82 +99,80 @@ def relax_two(n, mass, time, y, b, law, change):
 
 
 class Scratch(NamedTuple):
-    """Scratch arrays of all species at one node.
+    """Scratch arrays for all species at one node.
 
-    These are masses, stopping times, velocities, sources, zeros, changes by slip and by source, and a workspace.
+    mass, time (species,): masses and stopping times. y, b (species, 2): velocities and sources. zeros (species, 2).
+    relaxation: scratch of `relax_coupled`.
     """
 
     mass: np.ndarray
     time: np.ndarray
     y: np.ndarray
     b: np.ndarray
-    none: np.ndarray
-    slip: np.ndarray
-    drive: np.ndarray
-    room: np.ndarray
+    zeros: np.ndarray
+    relaxation: np.ndarray
 
 
 @inline_jit
-def relax_node(n, nodes, slopes, sourced, sound, law, frame, several, change, own):
-    """Write the changes of eq. (3) at node n."""
+def relax_node(n, nodes, slopes, sourced, sound, law, frame, several, change, scratch):
+    """Relax the slip at node n, and write its row of `change`; arguments as in `relax`."""
     species, gas = nodes.sums.shape[1], nodes.sums[n, 0, ONE]
-    density, omega, met = times_at(n, nodes, sound, law, frame, own.mass, own.time)
-    if not met:
+    mass, time, y, b, slip, drive = scratch.mass, scratch.time, scratch.y, scratch.b, change.slip[n], change.drive[n]
+    density, omega, has_dust = node_stopping_times(n, nodes, sound, law, frame, mass, time)
+    if not has_dust:
         return
-    velocities(n, nodes, slopes, sourced, own.y, own.b)
+    node_velocities(n, nodes, slopes, sourced, y, b)
     if sound is None and species == 2:
-        relax_two(n, own.mass, own.time, own.y, own.b, law, change)
+        relax_one_population(n, mass, time, y, b, law, change)
     elif sound is not None:
-        relax_by_speed(
-            own.mass, own.time, law.code, law.grains, density, sound[n], omega, own.y, own.b, law.two_way, law.dt,
-            law.exponential, several, own.room, own.slip,
+        relax_nonlinear(
+            mass, time, law.code, law.grains, density, sound[n], omega, y, b, law.two_way, law.dt, law.exponential,
+            several, scratch.relaxation, slip,
         )  # fmt: skip
         relax_means(
-            own.mass, own.time, own.none, own.b, law.two_way, law.dt, law.exponential, several, own.room, own.drive
+            mass, time, scratch.zeros, b, law.two_way, law.dt, law.exponential, several, scratch.relaxation, drive
         )
         for s in range(species):
             for c in range(2):
-                change.slip[n, s, c], change.drive[n, s, c] = own.slip[s, c] - own.drive[s, c], own.drive[s, c]
+                slip[s, c] -= drive[s, c]
     elif several is not None:
-        relax_apart(
-            own.mass, own.time, own.y, own.b, law.two_way, law.dt, law.exponential, own.room, own.slip, own.drive
-        )
-        for s in range(species):
-            for c in range(2):
-                change.slip[n, s, c], change.drive[n, s, c] = own.slip[s, c], own.drive[s, c]
+        relax_separately(mass, time, y, b, law.two_way, law.dt, law.exponential, scratch.relaxation, slip, drive)
     for s in range(1, species):
-        if own.mass[s] > 0.0:
-            change.rate[n, s], change.mass[n, s] = 1.0 / own.time[s], own.mass[s]
+        if mass[s] > 0.0:
+            change.rate[n, s], change.mass[n, s] = 1.0 / time[s], mass[s]
             if law.two_way:
-                change.rate[n, 0] += own.mass[s] / gas / own.time[s]
-                change.mass[n, s] *= gas / (gas + own.mass[s])
+                change.rate[n, 0] += mass[s] / gas / time[s]
+                change.mass[n, s] *= gas / (gas + mass[s])
 
 
 @jit
 def relax(node_from, node_to, nodes, slopes, sourced, sound, law, frame, several, change):
-    """Relax the slip at each node: write the changes of eq. (3), the rates and the reduced masses to `change`.
+    """Relax the slip at each node, and write the velocity changes, the drag rates and the reduced masses to `change`.
 
-    `sound` (nodes,) is None unless the stopping time depends on the slip. `several` is None where there is one
-    population. numba then leaves out the branches that need them, which saves half a minute of compilation.
+    sourced (species,): whether a species has sources. sound (nodes,): thermal speed of the gas; None unless stopping
+    times depend on the slip. several: None if there is one population. numba leaves out the branches for arguments that
+    are None, which saves half a minute of compilation.
     """
     species = nodes.sums.shape[1]
-    own = Scratch(
+    scratch = Scratch(
         np.empty(species), np.empty(species), np.empty((species, 2)), np.empty((species, 2)), np.zeros((species, 2)),
-        np.empty((species, 2)), np.empty((species, 2)), np.empty((species, ROOM)),
+        np.empty((species, SCRATCH_COLUMNS)),
     )  # fmt: skip
     for n in range(node_from, node_to):
         clear(n, change)
         if has_gas(n, nodes):
-            relax_node(n, nodes, slopes, sourced, sound, law, frame, several, change, own)
+            relax_node(n, nodes, slopes, sourced, sound, law, frame, several, change, scratch)
 
 
 @inline_jit
 def has_gas(n, nodes):
+    """Return whether node n has gas."""
     return nodes.sums[n, 0, ONE] > 0.0
 
 
 @inline_jit
 def clear(n, change):
+    """Set all changes at node n to 0."""
     for s in range(change.rate.shape[1]):
         change.rate[n, s], change.mass[n, s] = 0.0, 0.0
         for c in range(2):
@@ -177,17 +180,18 @@ def clear(n, change):
 
 
 @jit_no_alloc
-def mean_sound(node_from, node_to, nodes, own, sound, out):
-    """Write the sound speed at nodes, the mass-weighted mean of the gas (blocks,) in the nine cells about each node.
+def mean_sound_speed(node_from, node_to, nodes, moments, sound, out):
+    """Write to `out` (nodes,) the mass-weighted mean thermal speed of the gas in the nine cells about each node.
 
-    Nearer cells have larger weights.
+    Nearer cells have larger weights. moments: of `CellSums`. sound (blocks,): mean thermal speed in each block. Nodes
+    without gas get 1.
     """
     for n in range(node_from, node_to):
         total, mass = 0.0, 0.0
         for k in range(9):
-            block = nodes.near[n, k]
-            if block >= 0 and own[block, WHOLE, ONE] > 0.0:
-                w = (0.5 if k // 3 == 1 else 0.25) * (0.5 if k % 3 == 1 else 0.25) * own[block, WHOLE, ONE]
+            block = nodes.node_cells[n, k]
+            if block >= 0 and moments[block, WHOLE, ONE] > 0.0:
+                w = slope_weight(k) * moments[block, WHOLE, ONE]
                 total += w * sound[block]
                 mass += w
         out[n] = total / mass if mass > 0.0 else 1.0

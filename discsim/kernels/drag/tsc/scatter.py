@@ -1,6 +1,6 @@
-"""Scatter from nodes to particles, eq. (3) of `nodes.py`, and the decay of deviations from the linear fit.
+"""Scatter from nodes to particles, eq. (3) of `nodes.py`, and decay of residual velocities.
 
-The linear fit is that to the velocities of the particles of one species in a cell.
+A residual is the velocity of a particle relative to a linear fit to the velocities of its species in the cell.
 """
 
 import numpy as np
@@ -8,77 +8,81 @@ import numpy as np
 from discsim.jit.decorators import inline_jit, jit
 from discsim.jit.index import index
 from discsim.kernels.common.simd import LANES, extract, horizontal_sums, load, prefetch, store, zeros
-from discsim.kernels.drag.lines import solve
+from discsim.kernels.drag.linear_fit import solve
 from discsim.kernels.drag.relax import response
-from discsim.kernels.drag.tsc.columns import fetch_columns, filled, is_ragged, most_in
-from discsim.kernels.drag.tsc.heat import particle_heat, turns_about
+from discsim.kernels.drag.tsc.columns import has_gasless_nodes, longest_column, padded_count, prefetch_columns
+from discsim.kernels.drag.tsc.heat import particle_heat, rotation_polynomials
 from discsim.kernels.drag.tsc.nodes import BX, DX, DY, FIELDS, MASS, NORM, ONE, RATE, SPIN, VX, VY, WHOLE, X, Y
 from discsim.kernels.drag.tsc.weights import evaluate_lane, to_polynomial
 
 
 @inline_jit
-def values_about(block, s, cells, nodes, value, turns, table):
-    """Write the values of the nodes about a cell for a species, as polynomials."""
-    home = cells.home[block]
+def node_value_polynomials(block, s, cells, nodes, value, rotates, table):
+    """Write the values that the nodes about a cell scatter to species s to `table` (9, LANES), for `to_polynomial`.
+
+    rotates: whether the rotation has to be moved from the nodes to the centre of the cell.
+    """
+    centre_node = cells.centre_node[block]
     for k in range(9):
-        n, row = nodes.about[home, k], zeros()
+        n, row = nodes.stencil[centre_node, k], zeros()
         if n >= 0:
             row = load(value, (n * value.shape[1] + s) * LANES)
         store(table, k * LANES, row)
-        if turns:  # rotation about the cell's centre instead of the node
+        if rotates:  # rotation about the cell's centre instead of the node
             table[k, DX] += (k % 3 - 1) * extract(row, SPIN)
             table[k, DY] -= (k // 3 - 1) * extract(row, SPIN)
 
 
 @inline_jit
-def place_of(block, part, kind, cells, begin, column, held):
-    """Return the element of `held` at which the columns of a population in a block begin.
+def history_columns(block, part, kind, cells, begin, column, unpacked):
+    """Return the element of `column`, or of `unpacked` for single grains, at which a population in a block begins.
 
-    These columns are those of the gather. Grains that nodes take one by one were gathered as rows, which are copied
-    to columns here.
+    The columns are those of the gather. If nodes sum single grains, the gather wrote rows, which are copied here to
+    columns in `unpacked`.
     """
-    seat = block * kind.number + part
-    if not by_grain(kind, cells):
-        return begin[seat]
-    first, count = kind.start[seat], kind.start[seat + 1] - kind.start[seat]
-    n = filled(count)
+    class_index = block * kind.number + part
+    if not has_single_grains(kind, cells):
+        return begin[class_index]
+    first, count = kind.start[class_index], kind.start[class_index + 1] - kind.start[class_index]
+    n = padded_count(count)
     for at in range(n):
         k = first + (at if at < count else count - 1)
         for f in range(FIELDS):
-            held[f * n + at] = column[k * FIELDS + f]
+            unpacked[f * n + at] = column[k * FIELDS + f]
         m = kind.mass[kind.order[k]]
-        held[MASS * n + at], held[NORM * n + at] = m if at < count else 0.0, cells.share[k] / m
+        unpacked[MASS * n + at], unpacked[NORM * n + at] = m if at < count else 0.0, cells.scaled_mass[k] / m
     return 0
 
 
 @inline_jit
-def by_grain(kind, cells):
-    """Return whether nodes take these particles one by one (`nodes_grains`)."""
-    return kind.first > 0 and len(cells.total) > 0
+def has_single_grains(kind, cells):
+    """Return whether nodes sum single particles of these populations (`grains.py`)."""
+    return kind.first > 0 and len(cells.dust_moments) > 0
 
 
 @inline_jit
 def has_norms(block, kind, cells, nodes):
-    """Return whether the weights of particles in a block do not add up to 1."""
+    """Return whether the weights of particles in a block need a norm: they do not add up to 1."""
     return kind.first > 0 and (
-        by_grain(kind, cells) or is_ragged(cells.home[block], kind.pos.shape[1] == 1, nodes.about, nodes.sums)
+        has_single_grains(kind, cells)
+        or has_gasless_nodes(cells.centre_node[block], kind.pos.shape[1] == 1, nodes.stencil, nodes.sums)
     )
 
 
 @inline_jit
-def rate_in(block, s, cells, nodes, value):
-    """Return the mean rate of drag of a species in a cell."""
-    rate, cell = 0.0, cells.slot[block, s]
+def mean_rate(block, s, cells, nodes, value):
+    """Return the mean drag rate of species s in a cell."""
+    rate, cell = 0.0, cells.species_row[block, s]
     for k in range(9):
-        n = nodes.about[cells.home[block], k]
+        n = nodes.stencil[cells.centre_node[block], k]
         if n >= 0:
-            rate += cells.given[cell, k, ONE] * value[n, s, RATE]
-    return rate / cells.own[cell, WHOLE, ONE]
+            rate += cells.contributions[cell, k, ONE] * value[n, s, RATE]
+    return rate / cells.moments[cell, WHOLE, ONE]
 
 
 @inline_jit
-def rate_of(count, n, begin, column, table):
-    """Return the mean rate of drag over the particles of a species in a cell."""
+def mean_rate_of_particles(count, n, begin, column, table):
+    """Return the mean drag rate over the `count` packed particles of a species in a cell."""
     rate, mass = 0.0, 0.0
     for at in range(begin, begin + count):
         m = column[at + MASS * n]
@@ -88,16 +92,17 @@ def rate_of(count, n, begin, column, table):
 
 
 @inline_jit
-def curvature(home, about, sums, slope, bend):
-    """Write the second derivatives of the velocity to `bend` (2, 3): half of xx, xy, and half of yy.
+def curvature(centre_node, stencil, sums, slope, bend):
+    """Write half of the second derivatives xx and yy, and the second derivative xy, of the velocity to `bend` (2, 3).
 
-    They are in sides of the cell, from the slopes at neighbouring nodes.
+    The order is xx, xy, yy for each component. They are finite differences of the slopes at nodes, per side of the
+    cell.
     """
     for c in range(2):
         bend[c, 0], bend[c, 1], bend[c, 2] = 0.0, 0.0, 0.0
     for axis in range(2):
         step = 3 if axis == 0 else 1
-        low, high = about[home, 4 - step], about[home, 4 + step]
+        low, high = stencil[centre_node, 4 - step], stencil[centre_node, 4 + step]
         if low < 0 or high < 0 or min(sums[low, 0, ONE], sums[high, 0, ONE]) <= 0.0:
             continue
         for c in range(2):
@@ -108,21 +113,22 @@ def curvature(home, about, sums, slope, bend):
 
 
 @inline_jit
-def own_line(count, n, begin, column, at_value, value, x0, y0, pooled, dim):
-    """Return the linear fit of particles to two columns of `value`, from `at_value` on: centroid, means and slopes.
+def fit_columns(count, n, begin, column, value_from, value, x0, y0, pooled, dim):
+    """Return (x, y, u, v, uu, uv, vu, vv): centroid, means and slopes of the linear fit to a packed vector field.
 
-    The columns of the particles begin at `begin`, and (x0, y0) is near their centroid. One particle more than a
-    linear fit needs is enough: the deviations of few particles are small, but not wrong. With fewer particles the
-    slopes are `pooled` plus a rotation of their own. The deviations therefore never have angular momentum.
+    The two components are columns of `value`, the first from element `value_from` on. (x0, y0): a position near the
+    centroid. One particle more than the fit needs is enough: the residuals of few particles are small, but not wrong.
+    With fewer particles the slopes are `pooled` plus a rotation of their own, so that the residuals never have angular
+    momentum.
     """
     sx, sy, su, sv = zeros(), zeros(), zeros(), zeros()
     xx, xy, yy, m = zeros(), zeros(), zeros(), zeros()
     xu, xv, yu, yv = zeros(), zeros(), zeros(), zeros()
-    u0, v0 = value[at_value], value[at_value + n]
+    u0, v0 = value[value_from], value[value_from + n]
     for p in range(0, n, LANES):
         at = begin + p
         one, x, y = load(column, at + MASS * n), load(column, at + X * n) - x0, load(column, at + Y * n) - y0
-        u, v = load(value, at_value + p) - u0, load(value, at_value + n + p) - v0
+        u, v = load(value, value_from + p) - u0, load(value, value_from + n + p) - v0
         mx, my = one * x, one * y
         m += one
         sx += mx
@@ -136,20 +142,17 @@ def own_line(count, n, begin, column, at_value, value, x0, y0, pooled, dim):
         xv += mx * v
         yu += my * u
         yv += my * v
-    first, inertia, moment = (
-        horizontal_sums(sx, sy, su, sv),
-        horizontal_sums(xx, xy, yy, m),
-        horizontal_sums(xu, xv, yu, yv),
-    )
-    return line(count, x0, y0, u0, v0, first, inertia, moment, pooled, dim)
+    first, inertia = horizontal_sums(sx, sy, su, sv), horizontal_sums(xx, xy, yy, m)
+    moment = horizontal_sums(xu, xv, yu, yv)
+    return fit_sums(count, x0, y0, u0, v0, first, inertia, moment, pooled, dim)
 
 
 @inline_jit
-def line(count, x0, y0, u0, v0, first, inertia, moment, pooled, dim):
-    """Return the linear fit of `own_line` from sums of its particles.
+def fit_sums(count, x0, y0, u0, v0, first, inertia, moment, pooled, dim):
+    """Return the result of `fit_columns` from sums over its particles.
 
-    The sums are of m times x, y, u, v; of m times xx, xy, yy, 1; and of m times xu, xv, yu, yv. All are relative to
-    x0, y0, u0, v0.
+    first: sums of m times x, y, u, v. inertia: sums of m times xx, xy, yy, 1. moment: sums of m times xu, xv, yu, yv.
+    All are relative to x0, y0, u0, v0.
     """
     m, sx, sy = extract(inertia, 3), extract(first, 0), extract(first, 1)
     xx, xy, yy = extract(inertia, 0), extract(inertia, 1), extract(inertia, 2)
@@ -170,19 +173,20 @@ def line(count, x0, y0, u0, v0, first, inertia, moment, pooled, dim):
 
 
 @inline_jit
-def add_changes(n, begin, column, table, turns, normed, bend, new):
-    """Write particle velocities with the changes by the nodes, and these changes, to `new`.
+def write_changes(n, begin, column, table, rotates, normed, bend, new):
+    """Write to `new` the velocities of packed particles with the changes by the nodes, and these changes.
 
-    From column 0 on `new` has the velocity less its quadratic part (2), then the change (2).
+    Columns 0 and 1 of `new` get the new velocity less its quadratic part `bend`, columns 2 and 3 the change. rotates:
+    whether the change includes a rotation. normed: whether weights have norms.
     """
     for p in range(0, n, LANES):
         at = begin + p
         x, y = load(column, at + X * n), load(column, at + Y * n)
         xx, xy, yy = x * x, x * y, y * y
         dx, dy = evaluate_lane(table, DX, x, y), evaluate_lane(table, DY, x, y)
-        if turns:
-            spin = evaluate_lane(table, SPIN, x, y)
-            dx, dy = dx - spin * y, dy + spin * x
+        if rotates:
+            omega = evaluate_lane(table, SPIN, x, y)
+            dx, dy = dx - omega * y, dy + omega * x
         elif normed:
             norm = load(column, at + NORM * n)
             dx, dy = norm * dx, norm * dy
@@ -194,35 +198,35 @@ def add_changes(n, begin, column, table, turns, normed, bend, new):
 
 
 @inline_jit
-def damp(count, n, begin, column, x0, y0, pooled, sources, f, g, dim, new):
-    """Replace the velocity in `new` by its change through the decay of deviations from the linear fit.
+def damp_residuals(count, n, begin, column, x0, y0, pooled, sources, f, g, dim, new):
+    """Replace the velocity in `new` (columns 0 and 1) by its change by the decay of residuals about the linear fit.
 
-    Returns the mean of the velocity.
+    f, g: result of `response` for the drag rate. (x0, y0): position near the centroid. Returns the mean velocity
+    (u, v).
     """
-    motion, even, source = np.int64(0), (0.0, 0.0, 0.0, 0.0), begin + BX * n  # a literal would be compiled separately
-    x0, y0, u, v, uu, uv, vu, vv = own_line(count, n, begin, column, motion, new, x0, y0, pooled, dim)
+    # np.int64: a literal 0 would be compiled separately.
+    velocity, no_slope, source = np.int64(0), (0.0, 0.0, 0.0, 0.0), begin + BX * n
+    x0, y0, u, v, uu, uv, vu, vv = fit_columns(count, n, begin, column, velocity, new, x0, y0, pooled, dim)
     if not sources:
         for p in range(0, n, LANES):
             x, y = load(column, begin + X * n + p) - x0, load(column, begin + Y * n + p) - y0
             store(new, p, f * (load(new, p) - u - uu * x - vu * y))
             store(new, p + n, f * (load(new, p + n) - v - uv * x - vv * y))
         return u, v
-    _, _, a, b, au, av, bu, bv = own_line(count, n, begin, column, source, column, x0, y0, even, dim)
+    _, _, a, b, au, av, bu, bv = fit_columns(count, n, begin, column, source, column, x0, y0, no_slope, dim)
     for p in range(0, n, LANES):
         x, y = load(column, begin + X * n + p) - x0, load(column, begin + Y * n + p) - y0
-        left, right = load(new, p) - u - uu * x - vu * y, load(new, p + n) - v - uv * x - vv * y
-        beside, along = (
-            load(column, source + p) - a - au * x - bu * y,
-            load(column, source + n + p) - b - av * x - bv * y,
-        )
-        store(new, p, f * left + g * beside)
-        store(new, p + n, f * right + g * along)
+        residual_x, residual_y = load(new, p) - u - uu * x - vu * y, load(new, p + n) - v - uv * x - vv * y
+        source_x = load(column, source + p) - a - au * x - bu * y
+        source_y = load(column, source + n + p) - b - av * x - bv * y
+        store(new, p, f * residual_x + g * source_x)
+        store(new, p + n, f * residual_y + g * source_y)
     return u, v
 
 
 @inline_jit
-def fetch_motion(first, count, kind):
-    """Prefetch the particles that `kick` changes: they are scattered in memory, which no processor predicts."""
+def prefetch_motion(first, count, kind):
+    """Prefetch the velocities and accelerations that `kick` uses, which are scattered in memory."""
     start, dim = index(first), index(kind.vel.shape[1])
     for at in range(index(count)):
         i = dim * kind.order[start + at]
@@ -232,6 +236,7 @@ def fetch_motion(first, count, kind):
 
 @inline_jit
 def kick(first, count, n, kind, dt, new):
+    """Kick the particles kind.order[first : first + count] in place, by accelerations and by the changes in `new`."""
     start, along, across, more = index(first), index(n), index(2 * n), index(3 * n)
     for at in range(index(count)):
         i = kind.order[start + at]
@@ -241,84 +246,86 @@ def kick(first, count, n, kind, dt, new):
 
 
 @inline_jit
-def scatter_species(block, part, kind, cells, nodes, sharp, begin, column, dt, exponential, new, table, work, bend):
-    """Kick one population in a block, and return its mean rate of drag.
+def scatter_species(block, part, kind, cells, nodes, impulse, begin, column, dt, exponential, new, tables):
+    """Kick one population in a block in place, and return its mean drag rate.
 
-    Adds the energy lost to the heat of the block's own node, where heat has entries.
+    With heating, adds the energy that is lost to `impulse.heat` at the node at the centre of the block. new, tables:
+    scratch.
     """
-    dim, s, home = kind.pos.shape[1], kind.first + part, cells.home[block]
+    table, rotation_table, bend = tables
+    dim, s, node = kind.pos.shape[1], kind.first + part, cells.centre_node[block]
     first = kind.start[block * kind.number + part]
     count = kind.start[block * kind.number + part + 1] - first
     if count == 0:
         return 0.0
-    n, turns = filled(count), len(nodes.square) > 0 and s == 0
-    fetch_motion(first, count, kind)
-    fetch_columns(n, len(kind.own) > 0, begin, column)
-    values_about(block, s, cells, nodes, sharp.value, turns, table)
+    n, rotates = padded_count(count), len(nodes.square) > 0 and s == 0
+    prefetch_motion(first, count, kind)
+    prefetch_columns(n, len(kind.source) > 0, begin, column)
+    node_value_polynomials(block, s, cells, nodes, impulse.value, rotates, table)
     to_polynomial(table, 0, dim == 1)
-    if by_grain(kind, cells):
-        rate = rate_of(count, n, begin, column, table)
+    if has_single_grains(kind, cells):
+        rate = mean_rate_of_particles(count, n, begin, column, table)
     else:
-        rate = rate_in(block, s, cells, nodes, sharp.value)
-    add_changes(n, begin, column, table, turns, has_norms(block, kind, cells, nodes), bend, new)
+        rate = mean_rate(block, s, cells, nodes, impulse.value)
+    write_changes(n, begin, column, table, rotates, has_norms(block, kind, cells, nodes), bend, new)
     u, v = 0.0, 0.0
     if rate > 0.0:
-        pooled = (sharp.slope[home, 0], sharp.slope[home, 1], sharp.slope[home, 2], sharp.slope[home, 3])
-        cell = cells.slot[block, s]
-        own = cells.own[cell, WHOLE, ONE]
-        x0, y0 = cells.own[cell, WHOLE, X] / own, cells.own[cell, WHOLE, Y] / own
+        slope = impulse.slope
+        pooled = slope[node, 0], slope[node, 1], slope[node, 2], slope[node, 3]
+        cell = cells.species_row[block, s]
+        mass = cells.moments[cell, WHOLE, ONE]
+        x0, y0 = cells.moments[cell, WHOLE, X] / mass, cells.moments[cell, WHOLE, Y] / mass
         f, g = response(rate, dt, exponential)
-        u, v = damp(count, n, begin, column, x0, y0, pooled, len(kind.own) > 0, f, g, dim, new)
+        u, v = damp_residuals(count, n, begin, column, x0, y0, pooled, len(kind.source) > 0, f, g, dim, new)
     else:
         for p in range(0, n, LANES):
             store(new, p, zeros())
             store(new, p + n, zeros())
-    if len(sharp.heat) > 0:
-        sharp.heat[home] += particle_heat(first, count, n, kind, begin, column, work, turns, u, v, dt, new)
+    if len(impulse.heat) > 0:
+        given = first, count, n, kind, begin, column, rotation_table, rotates, u, v, dt, new
+        impulse.heat[node] += particle_heat(*given)
     kick(first, count, n, kind, dt, new)
     return rate
 
 
 @inline_jit
-def scatter_block(block, kind, cells, nodes, sharp, begin, column, held, dt, exponential, met, new, table, work, bend):
-    """Kick the particles of a block, and write the mean rate of each population."""
-    curvature(cells.home[block], nodes.about, nodes.sums, sharp.slope, bend)
-    if len(sharp.turn) > 0 and kind.first == 0:
-        turns_about(cells.home[block], nodes.about, sharp.turn, work)
+def scatter_block(block, kind, cells, nodes, impulse, begin, column, unpacked, dt, exponential, rates, new, tables):
+    """Kick the particles of a block in place, and write the mean drag rate of each population to `rates`."""
+    _, rotation_table, bend = tables
+    curvature(cells.centre_node[block], nodes.stencil, nodes.sums, impulse.slope, bend)
+    if len(impulse.rotation) > 0 and kind.first == 0:
+        rotation_polynomials(cells.centre_node[block], nodes.stencil, impulse.rotation, rotation_table)
     for part in range(kind.number):
-        at = place_of(block, part, kind, cells, begin, column, held)
-        met[block, part] = scatter_species(
-            block, part, kind, cells, nodes, sharp, at, held, dt, exponential, new, table, work, bend
-        )
+        at = history_columns(block, part, kind, cells, begin, column, unpacked)
+        rate = scatter_species(block, part, kind, cells, nodes, impulse, at, unpacked, dt, exponential, new, tables)
+        rates[block, part] = rate
 
 
 @jit
-def scatter(block_from, block_to, kind, cells, nodes, sharp, begin, column, dt, exponential, met):
-    """Kick the particles in each block, from columns as `gather` leaves them.
+def scatter(block_from, block_to, kind, cells, nodes, impulse, begin, column, dt, exponential, rates):
+    """Kick the particles in each block in place, from the columns that `gather` wrote.
 
-    A kick is free motion, eq. (3), the rotation of the gas that cancels eq. (4), and the decay of deviations from the
-    linear fit. Writes the mean rate of each population in each block, `met` (blocks, number), and adds to
-    `sharp.heat` where it has entries.
+    A kick is the sum of accelerations over dt, eq. (3), the rotation of the gas that compensates eq. (4), and the decay
+    of residual velocities about the linear fit. Writes the mean drag rate of each population in each block to `rates`
+    (blocks, populations). With heating, adds the energy that is lost to `impulse.heat`.
     """
-    most = most_in(block_from, block_to, kind)
-    held, new, bend = np.empty(FIELDS * most) if by_grain(kind, cells) else column, np.empty(4 * most), np.empty((2, 3))
-    table, work = np.empty((9, LANES)), np.empty((2, 9, LANES))
+    most = longest_column(block_from, block_to, kind)
+    unpacked, new = np.empty(FIELDS * most) if has_single_grains(kind, cells) else column, np.empty(4 * most)
+    tables = np.empty((9, LANES)), np.empty((2, 9, LANES)), np.empty((2, 3))
     for block in range(block_from, block_to):
-        scatter_block(
-            block, kind, cells, nodes, sharp, begin, column, held, dt, exponential, met, new, table, work, bend
-        )
+        scatter_block(block, kind, cells, nodes, impulse, begin, column, unpacked, dt, exponential, rates, new, tables)
 
 
 @inline_jit
-def times_in(block, part, kind, cells, nodes, value, begin, column, table, time):
-    """Write the stopping times of one population in a block."""
-    if cells.slot[block, kind.first + part] < 0:
+def block_stopping_times(block, part, kind, cells, nodes, value, begin, column, table, time):
+    """Write the stopping times of the particles of one population in a block to `time`, as `stopping_times`."""
+    if cells.species_row[block, kind.first + part] < 0:
         return
-    values_about(block, kind.first + part, cells, nodes, value, False, table)
+    node_value_polynomials(block, kind.first + part, cells, nodes, value, False, table)
     to_polynomial(table, 0, kind.pos.shape[1] == 1)
     first = kind.start[block * kind.number + part]
     count = kind.start[block * kind.number + part + 1] - first
-    n = filled(count)
+    n = padded_count(count)
     normed = has_norms(block, kind, cells, nodes)
     for p in range(count):
         at = begin + p
@@ -330,15 +337,13 @@ def times_in(block, part, kind, cells, nodes, value, begin, column, table, time)
 
 @jit
 def stopping_times(block_from, block_to, kind, cells, nodes, value, begin, column, time):
-    """Write the stopping time of each dust particle, one over the rate interpolated from the nodes.
+    """Write the stopping time of each dust particle to `time` (n,): one over the drag rate interpolated from the nodes.
 
-    It is inf where the rate is 0.
+    It is inf where the rate is 0. value: of `NodeImpulses`. begin, column: results of the gather.
     """
-    held, table = (
-        np.empty(FIELDS * most_in(block_from, block_to, kind)) if by_grain(kind, cells) else column,
-        np.empty((9, LANES)),
-    )
+    table, length = np.empty((9, LANES)), FIELDS * longest_column(block_from, block_to, kind)
+    unpacked = np.empty(length) if has_single_grains(kind, cells) else column
     for block in range(block_from, block_to):
         for part in range(kind.number):
-            at = place_of(block, part, kind, cells, begin, column, held)
-            times_in(block, part, kind, cells, nodes, value, at, held, table, time)
+            at = history_columns(block, part, kind, cells, begin, column, unpacked)
+            block_stopping_times(block, part, kind, cells, nodes, value, at, unpacked, table, time)

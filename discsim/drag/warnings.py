@@ -1,4 +1,4 @@
-"""Warnings about drag: settings that allow a run but are probably wrong, each with a number and a remedy."""
+"""Warnings about drag: settings that a run accepts but that probably give wrong results. Each names a remedy."""
 
 from __future__ import annotations
 
@@ -17,28 +17,24 @@ if TYPE_CHECKING:
     from discsim.drag.base import Scheme
     from discsim.scene import Scene
 
-# Smallest adequate numbers of gas and dust particles in a cell in one dimension. Cells without dust grow at most by a
-# factor of 8, and gas between grains farther apart feels no drag. One grain in every fourth cell prevents this.
-FEW_IN_1D = (0, 0.25)
-WIDE = 1.4  # width in H of a drag cell of `tsc` in which the drift has an error of 20%
+# Numbers of gas and dust particles per cell in one dimension below which a scene gets a warning. A cell without dust is
+# enlarged at most eightfold; if its nearest grain is farther away, its gas feels no drag. One grain in every fourth
+# cell prevents this.
+ADEQUATE_IN_1D = (0, 0.25)
+WIDE = 1.4  # side of a drag cell, in H, from which on the drift with `tsc` has an error of 20%
 
 
-def warnings(scene: Scene, at: GasSamples) -> Iterator[str]:
-    """Yield the warnings of a scene with [drag], for any model of the gas."""
+def drag_warnings(scene: Scene, at: GasSamples) -> Iterator[str]:
+    """Yield the warnings about drag of a scene with [drag]; at: properties of the gas at sample points."""
     yield from _negligible_drag(scene, at)
     yield from _wide_cells(scene, at)
     yield from _sparse_cells(scene, at)
     yield from _scheme_limits(scene, at)
 
 
-def _stopping_times(scene: Scene, at: GasSamples) -> list[np.ndarray]:
-    """Return the stopping times (n,) of each population at the points of `at`; an empty list if undefined."""
-    return laws.stopping_times(scene, at.density, at.thermal_speed, at.omega)
-
-
 def _negligible_drag(scene: Scene, at: GasSamples) -> Iterator[str]:
-    """Yield a warning of grains with large Stokes numbers, for which drag is negligible."""
-    for i, time in enumerate(_stopping_times(scene, at)):
+    """Yield a warning for each population with Stokes numbers above 10, for which drag is negligible."""
+    for i, time in enumerate(laws.stopping_times(scene, at.density, at.thermal_speed, at.omega)):
         if at.omega is not None and (time * at.omega).max() > 10:
             stokes = time * at.omega
             where = at.where(int(np.argmax(stokes)))
@@ -50,7 +46,7 @@ def _negligible_drag(scene: Scene, at: GasSamples) -> Iterator[str]:
 
 
 def _wide_cells(scene: Scene, at: GasSamples) -> Iterator[str]:
-    """Yield a warning of drag cells that are wider than the scale height."""
+    """Yield a warning if drag cells of the default scheme are wider than WIDE scale heights."""
     found, drag = at.in_drag_cells(), scene.drag
     if drag.scheme != DEFAULT_SCHEME or found is None or at.scale_height is None:
         return
@@ -73,34 +69,34 @@ def _wide_cells(scene: Scene, at: GasSamples) -> Iterator[str]:
 
 
 def _sparse_cells(scene: Scene, at: GasSamples) -> Iterator[str]:
-    """Yield warnings of drag cells with too few particles."""
-    strong = sum(dust.ratio for dust in scene.dust or ()) > NOISY_LOADING
-    if not strong or scene.drag.direction == "one-way":
+    """Yield warnings if drag cells have too few particles and the dust is massive enough to act on the gas."""
+    massive = sum(dust.ratio for dust in scene.dust or ()) > NOISY_LOADING
+    if not massive or scene.drag.direction == "one-way":
         return
     found, dim = at.in_drag_cells(), scene.space.dimensions
     if found is None:
         return
     even = all(dust.placement == "even" for dust in scene.dust or ())
     cells = SCHEMES[scene.drag.scheme].cells
-    wanted = (cells.few if even else cells.few_random) if dim == 2 else FEW_IN_1D
-    for name, count, few in zip(("gas", "dust"), found[1:], wanted, strict=True):
-        least = count[count > 0].min(initial=few)  # places without any dust do not count
-        if least < few:
+    adequate = (cells.adequate if even else cells.adequate_random) if dim == 2 else ADEQUATE_IN_1D
+    for name, count, enough in zip(("gas", "dust"), found[1:], adequate, strict=True):
+        least = count[count > 0].min(initial=enough)  # points without any dust do not count
+        if least < enough:
             where = at.where(int(np.flatnonzero(count == least)[0]))
-            more, wider = few / least, (max(few, 1) / least) ** (1 / dim)
+            more, wider = enough / least, (max(enough, 1) / least) ** (1 / dim)
             yield (
-                f"{least:.3g} {name} particles in a drag cell {where}, below {few}: "
+                f"{least:.3g} {name} particles in a drag cell {where}, below {enough}: "
                 f"raise {name}.particles by a factor of {more:.3g}, or drag.cell by {wider:.3g}"
             )
 
 
 def _scheme_limits(scene: Scene, at: GasSamples) -> Iterator[str]:
-    """Yield warnings of explicit schemes with short steps, and of schemes that damp waves too much."""
+    """Yield warnings about schemes with much shorter time steps than those of the gas, or with too strong damping."""
     drag = scene.drag
     if drag is None or at.step is None or at.resolution is None or at.sound_speed is None:
         return
     scheme: Scheme = SCHEMES[drag.scheme]
-    for time in _stopping_times(scene, at):
+    for time in laws.stopping_times(scene, at.density, at.thermal_speed, at.omega):
         if scheme.explicit:
             loaded = max(1.0, sum(dust.ratio for dust in scene.dust or ()))
             short = at.step / (time / loaded)
