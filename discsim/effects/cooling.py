@@ -119,11 +119,11 @@ class Effect(base.Effect):
         if own.kind == "radiative":
             kappa = 0.0 if own.opacity == OPACITY_TABLE else own.opacity
             grey = kappa, self.target, *self.state.central, self.radiation
-            parallel_for(kernels.radiative, gas.count, pos, gas.u, gas.density, rate, dt, *grey, out)
+            parallel_for(kernels.cool_radiatively, gas.count, pos, gas.u, gas.density, rate, dt, *grey, out)
         else:
             time = own.beta if own.kind == "beta" else own.t_cool
             law = own.kind == "beta", time, self.target, *self.state.central
-            parallel_for(kernels.towards, gas.count, pos, gas.u, rate, dt, *law, out)
+            parallel_for(kernels.relax_to_energy, gas.count, pos, gas.u, rate, dt, *law, out)
         if gas.immobile is not None:
             out[gas.immobile] = gas.u[gas.immobile]
         return out

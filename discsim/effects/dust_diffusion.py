@@ -109,7 +109,7 @@ class Effect(base.Effect):
         self.constant = 0.0 if given is None else given
         self.table = diffusion.alpha_table(scene)
         self.uses_stokes = scene.table("dust_diffusion").D is None
-        self.key = philox.key_of(scene.run.seed, WALK)
+        self.key = philox.key_words(scene.run.seed, WALK)
         self.sph = smoothing.Sph(scene) if scene.gas else None
         self.drag: Any = None
 
@@ -144,7 +144,7 @@ class Effect(base.Effect):
             gas = sampler.at(dust.pos)
             steepest = max(
                 parallel_for(
-                    kernels.strengths, dust.count, dust.pos, centre, row, gas, times, norm, done == 0,
+                    kernels.write_diffusivities, dust.count, dust.pos, centre, row, gas, times, norm, done == 0,
                     turbulence, strength, drift,
                 )
             )  # fmt: skip
@@ -170,16 +170,16 @@ class Effect(base.Effect):
         """Make one substep of the walk over dt, and subtract the gained angular momentum from the gas.
 
         gas: properties of the gas at the grains, from `_GasSampler.at`. strength (n,), drift (n, d): of the walk, from
-        `kernels.strengths`. lag: time by which velocities are rotated behind positions on circular orbits. number:
+        `kernels.write_diffusivities`. lag: time by which velocities are rotated behind positions on circular orbits. number:
         number of the substep in the run, for the random vectors.
         """
         dust, centre, star = state.dust, base.centre_of_disc(state), state.central
-        circles = kernels.Circles(*star, lag, centre)
+        circles = kernels.CircularOrbits(*star, lag, centre)
         two_way = star[0] > 0.0 and state.gas is not None and self.drag is not None and not state.dust_is_passive
         gained = np.empty(dust.count if two_way else 0)
         before = copied(dust.pos) if two_way else dust.pos
         parallel_for(
-            kernels.walk, dust.count, dust.pos, dust.vel, dust.ids, strength, drift, gas, self.key, number, dt,
+            kernels.random_walk, dust.count, dust.pos, dust.vel, dust.ids, strength, drift, gas, self.key, number, dt,
             circles, gained,
         )  # fmt: skip
         if self.scene.space.boundary == "periodic":
@@ -221,7 +221,7 @@ class _GasSampler:
             if self.effect.scene.model.given is None:
                 field[:, kernels.DENSITY], field[:, kernels.LENGTH] = 1.0, math.inf
                 return field
-            parallel_for(kernels.given_about, len(pos), pos, effect.drag.kernel_disc(state.central_mass), field)
+            parallel_for(kernels.write_gas_of_disc, len(pos), pos, effect.drag.kernel_disc(state.central_mass), field)
             return field
         gas, met = state.gas, self.gas.neighbours_of(pos, state.dust.global_index)
         speed2 = thermal_speed(effect.scene, gas) ** 2
@@ -248,11 +248,11 @@ class _GasSampler:
         empty = middle_density == 0.0
         middle[empty], middle_density[empty] = start[empty], density[empty]
         met = self.gas.neighbours_of(middle, self.state.dust.global_index)
+        per_density = np.divide(gained, middle_density, out=np.zeros(len(gained)), where=middle_density != 0.0)
         vel = met.gas.of(gas.vel)
         parallel_for(
             kernels.recoil_driver(effect.sph.kernel), len(met.cells.filled), met.cells, met.grain_cells, met.pos, met.h,
-            met.grains.of(middle_density), met.grains.of(gained), centre, vel,
-            least=neighbours.LEAST, each=met.grains_about,
+            met.grains.of(per_density), centre, vel, least=neighbours.LEAST, each=met.grains_about,
         )  # fmt: skip
         gas.vel[:] = vel[met.gas.own]
 

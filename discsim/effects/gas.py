@@ -237,7 +237,7 @@ class Effect(base.Effect):
         out = alloc.allocate_like(gas.pressure), alloc.allocate_like(gas.sound_speed)
         roots = eos_of(self.scene).roots(self.scene)
         if roots is not None and gas.small is None:  # the usual disc, which this kernel makes twice as fast
-            parallel_for(eos_kernels.by_roots, gas.count, pos, gas.density, *roots, *out, light=True)
+            parallel_for(eos_kernels.write_pressure_and_sound, gas.count, pos, gas.density, *roots, *out, light=True)
             return out
 
         def part(first: int, last: int) -> None:
@@ -289,7 +289,7 @@ def kick_gas(state: State, dt: float) -> None:
     gas = state.gas
     parallel_for(moves.add_scaled, gas.count, gas.vel, gas.acc, dt, light=True)
     if gas.kick_acc is not None:
-        parallel_for(moves.assign, gas.count, gas.kick_acc, gas.acc, light=True)
+        parallel_for(moves.copy, gas.count, gas.kick_acc, gas.acc, light=True)
     if gas.u is not None:
         gas.kick_rate[:] = gas.heating_rate
         kick_energy(state, dt)

@@ -239,7 +239,7 @@ class Effect(base.Effect):
         """Return arrays of the gas particles, which carry the small dust, including ghost particles."""
         gas = state.gas
         mass = gas.mass - gas.small if self.mass_includes_small else gas.mass
-        return sums.Carriers(met.pos, *(met.gas.of(array) for array in (gas.vel, gas.h, mass, gas.small)))
+        return sums.CarrierGas(met.pos, *(met.gas.of(array) for array in (gas.vel, gas.h, mass, gas.small)))
 
     def _exchange_mass(self, state: State, met: GasDustNeighbours, field: np.ndarray, wanted: np.ndarray) -> None:
         """Exchange mass between dust particles and the small dust of the gas around them.

@@ -141,8 +141,8 @@ class QuietDisc:
         gas = state.gas
         away = np.sqrt((state.from_centre(gas.pos) ** 2).sum(axis=1))
         parallel_for(
-            kernels.follow, gas.count, state.time, self.keys.time, state.kepler_omega(away), sph.slopes, gas.density,
-            gas.pressure, gas.sound_speed, sph.squeezed / gas.h,
+            kernels.follow_density, gas.count, state.time, self.keys.time, state.kepler_omega(away), sph.slopes,
+            gas.density, gas.pressure, gas.sound_speed, sph.squeezed / gas.h,
             gas.followed, gas.divergence, gas.shocked, gas.followed_at,
         )  # fmt: skip
 
@@ -157,7 +157,8 @@ class QuietDisc:
         rings = self._rings(state, at, r, first, count)
         stretch = (r / self.reference) ** -self.flaring / (self.width * r * r)  # d(at)/dr over r
         parallel_for(
-            kernels.push, gas.count, pos, at, stretch, gas.followed, self._pressure_spline(rings), pressure, acc,
+            kernels.replace_ring_pressure, gas.count, pos, at, stretch, gas.followed, self._pressure_spline(rings),
+            pressure, acc,
         )  # fmt: skip
         if state.bodies is not None:
             acc -= _rigid_acceleration(gas.mass, pos, acc)

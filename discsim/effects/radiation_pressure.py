@@ -93,13 +93,14 @@ class Effect(base.Effect):
         """Add the acceleration by radiation pressure to `acc_unshared` of the dust."""
         dust, strength = view.dust, view.star_mass * self.beta
         away = view.from_star(dust.pos)
-        parallel_for(kernels.push, dust.count, away, dust.species, strength, self.softening, dust.acc_unshared)
+        given = away, dust.species, strength, self.softening, dust.acc_unshared
+        parallel_for(kernels.add_radiation_pressure, dust.count, *given)
 
     def limit(self, view: base.View) -> dict[str, base.Limit]:
         strongest, dust = view.star_mass * self.beta.max(), view.dust
         if dust.count == 0 or strongest == 0.0 or self.step == np.inf:
             return {}
-        distance2 = min(parallel_for(stars.nearest, dust.count, dust.pos, *view.star_place))
+        distance2 = min(parallel_for(stars.nearest_squared, dust.count, dust.pos, *view.star_place))
         softened2 = distance2 + self.softening**2
         return {"dust": orbit_limit(dust.pos, view.star_place, softened2, strongest, self.step, base.GROWS / IN_KICKS)}
 

@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from discsim.numerics.poisson import Kernel
     from discsim.scene import Scene
 
-kernels = Lazy("discsim.kernels.common.grid")
 meshes = Lazy("discsim.numerics.mesh")
 poisson = Lazy("discsim.numerics.poisson")
 totals = Lazy("discsim.numerics.totals")
@@ -217,7 +216,7 @@ class Effect(base.Effect):
                 monopole = monopole or self._monopole()
                 acceleration = monopole.acceleration(particles.pos[outside])
                 particles.acc[outside] += acceleration
-                strongest = max(strongest, kernels.largest_norm(acceleration))
+                strongest = max(strongest, float(_length(acceleration).max()))
             self.outside += missing
             largest[name] = strongest
         return largest

@@ -160,7 +160,7 @@ class Effect(base.Effect):
             bodies.pulled[0, SPECIES.index(name)] = rounded(sum(limbs))
         of_frame = self.orbits.frame_acceleration(bodies, beyond_drift=not self.all_in_kick).tolist()
         if not self.orbits.inertial or any(of_frame):
-            parallel_for_ranges(kernels.add, [(p.count, p.acc, *of_frame) for p in both.values()], light=True)
+            parallel_for_ranges(kernels.add_to_each, [(p.count, p.acc, *of_frame) for p in both.values()], light=True)
         if bodies.count == 1:
             self.orbits.accelerate(bodies)
 
@@ -168,7 +168,7 @@ class Effect(base.Effect):
         nearest, found = view.pop("star.nearest", {}), {}
         for name, p in view.species.items():
             distance2 = nearest.get(name) or min(
-                parallel_for(kernels.nearest, p.count, p.pos, *view.star_place, light=True)
+                parallel_for(kernels.nearest_squared, p.count, p.pos, *view.star_place, light=True)
             )
             softened2, growing = distance2 + self.star.softening**2, base.GROWS / self.step
             limit = orbit_limit(p.pos, view.star_place, softened2, view.star_pull, self.step, growing)
@@ -187,7 +187,7 @@ class Effect(base.Effect):
         for p in state.species.values():
             for vectors, moved in zip((p.pos, p.vel), self._frame_motion, strict=True):
                 if p.immobile is None:
-                    parallel_for(kernels.add, p.count, vectors, *moved.tolist(), light=True)
+                    parallel_for(kernels.add_to_each, p.count, vectors, *moved.tolist(), light=True)
                 else:
                     vectors[~p.immobile] += moved
 

@@ -1,12 +1,13 @@
 """Cache of compiled kernels on disk, in a folder that processes share.
 
-numba calls a locator for the cache folder of a function and a stamp of its source (NUMBA_CACHE_LOCATOR_CLASSES in
-numba's manual). numba's own locators stamp a function with the file that defines it. They would load old machine code
-after a change of a called function in another file. Here the stamp is a hash of all files that kernels are made from,
-and is part of the folder's name. Only kernels of discsim are cached this way.
+numba asks a locator class for the cache folder of a function and for a stamp, a text that changes when the function's
+source changes (NUMBA_CACHE_LOCATOR_CLASSES in numba's manual). The stamps of numba's own locators depend only on the
+file that defines the function. After a change of a called function in another file, numba would load old machine code.
+The stamp used here is a hash of all source files of kernels, and is part of the folder's name. Only kernels of discsim
+are cached this way.
 
-Two processes that add specialisations of one kernel at the same time could choose the same file name. A process
-therefore locks the folder from just before numba writes until numba's compiler lock is released.
+Two processes that compile new specialisations of one kernel at the same time could choose the same file name. A process
+therefore locks the folder from just before numba writes to it until numba's compiler lock is released.
 """
 
 from __future__ import annotations
@@ -19,8 +20,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -34,34 +34,36 @@ from numba.core import event
 from numba.core.caching import InTreeCacheLocator
 
 PACKAGE = Path(__file__).parents[1]
-SOURCES = ("jit", "kernels", "formulas")  # folders of the package whose functions kernels call
-KEPT, KEPT_FOR = 8, 86400.0  # folders of other sources kept: the last ones used, and all used within a day [s]
-PRIVATE = "discsim-kernels-"  # prefix of the directory among temporary files
-LONGEST_WAIT = 60.0  # for the lock [s]; after that a process writes without it
+SOURCES = ("jit", "kernels", "formulas")  # folders of the package that contain kernels and the functions they call
+# Folders of other source versions that are kept: the last eight that were used, and all that were used within a day.
+FOLDERS_KEPT, SECONDS_KEPT = 8, 86400.0
+PRIVATE_PREFIX = "discsim-kernels-"  # prefix of a user's own folder in the system's directory of temporary files
+LOCK_TIMEOUT = 60.0  # seconds that a process waits for the lock; it then writes without the lock
+LOCATOR = f"{__name__}.Locator"
 
 config: Any = numba.config
 
 
 class CacheError(Exception):
-    """Error that no folder for compiled kernels can be written."""
+    """Error: none of the possible folders for compiled kernels can be written."""
 
 
 @cache
-def stamp() -> str:
-    """Return a hash of the kernels' sources and of the libraries that compile them."""
-    made = hashlib.sha256(repr((sys.version, numba.__version__, llvmlite.__version__, numpy.__version__)).encode())
+def source_hash() -> str:
+    """Return a hash of the kernels' source files and of the versions of Python, numba, llvmlite and numpy."""
+    digest = hashlib.sha256(repr((sys.version, numba.__version__, llvmlite.__version__, numpy.__version__)).encode())
     for file in sorted(file for name in SOURCES for file in (PACKAGE / name).rglob("*.py")):
         content = file.read_bytes()
-        made.update(f"{file.relative_to(PACKAGE)} {len(content)} ".encode() + content)
-    return made.hexdigest()[:20]
+        digest.update(f"{file.relative_to(PACKAGE)} {len(content)} ".encode() + content)
+    return digest.hexdigest()[:20]
 
 
 @cache
-def folder() -> Path:
+def kernel_folder() -> Path:
     """Return the folder of compiled kernels, and create it if it is missing.
 
-    It is in the first of these that can be written: NUMBA_CACHE_DIR, the package's own `__pycache__`, the user's
-    cache directory, a private directory among temporary files.
+    Its parent is the first of these directories that can be written: NUMBA_CACHE_DIR, the `__pycache__` of the package,
+    the user's cache directory, a private directory in the system's directory of temporary files.
 
     Raises
     ------
@@ -71,94 +73,95 @@ def folder() -> Path:
     given = [Path(config.CACHE_DIR)] if config.CACHE_DIR else []
     for parent in (*given, PACKAGE / "__pycache__", platformdirs.user_cache_path("discsim")):
         with suppress(OSError):
-            return _made(parent)
+            return _create_folder(parent)
     try:
-        return _made(_private())
+        return _create_folder(_private_directory())
     except OSError:
-        wanted = "set NUMBA_CACHE_DIR to a directory that can be written"
-        raise CacheError(f"there is no place for compiled kernels: {wanted}") from None
+        cure = "set NUMBA_CACHE_DIR to a directory that can be written"
+        raise CacheError(f"no folder for compiled kernels can be written: {cure}") from None
 
 
 def is_temporary() -> bool:
-    """Return whether the folder is a temporary one because none of the usual folders can be written."""
-    return folder().parent.name.startswith(PRIVATE)
+    """Return whether the kernel folder is a temporary one, because none of the usual directories can be written."""
+    return kernel_folder().parent.name.startswith(PRIVATE_PREFIX)
 
 
-def _made(parent: Path) -> Path:
-    """Return the folder within a directory, created if missing and tested for writing. Raises OSError."""
-    path = parent / f"kernels-{stamp()}"
+def _create_folder(parent: Path) -> Path:
+    """Return the kernel folder in `parent`, and create it if it is missing; raise OSError if it cannot be written."""
+    path = parent / f"kernels-{source_hash()}"
     new = not path.is_dir()
     path.mkdir(parents=True, exist_ok=True)
     tempfile.TemporaryFile(dir=path).close()
-    os.utime(path)  # used now
+    os.utime(path)  # marks the folder as used now, for `remove_old_folders`
     if new:
-        sweep(path)
+        remove_old_folders(path)
     return path
 
 
-def sweep(path: Path) -> None:
-    """Remove folders next to `path` that were compiled from other sources, except recently used ones."""
-    used = []
+def remove_old_folders(path: Path) -> None:
+    """Remove the kernel folders next to `path` that belong to other source versions and were not used recently."""
+    last_used = []
     for other in path.parent.glob("kernels-*"):
         with suppress(OSError):  # another process may remove it first
-            used.append((other.stat().st_mtime, other))
-    for when, other in sorted(used, reverse=True)[KEPT + 1 :]:
-        if other != path and when < time.time() - KEPT_FOR:
+            last_used.append((other.stat().st_mtime, other))
+    for seconds, other in sorted(last_used, reverse=True)[FOLDERS_KEPT + 1 :]:
+        if other != path and seconds < time.time() - SECONDS_KEPT:
             shutil.rmtree(other, ignore_errors=True)
 
 
-def _private() -> Path:
-    """Return this user's own directory among temporary files.
+def _private_directory() -> Path:
+    """Return a directory in the system's directory of temporary files that only this user can write.
 
-    It is the same for every run, or a new one if others can write there. numba runs any code in its cache: no other
-    user may have written there. Raises OSError.
+    numba executes the machine code in its cache, so no other user may be able to write to the directory. All runs of
+    a user share one directory; if it belongs to, or can be written by, another user, a new one is made. Raises OSError.
     """
-    path = Path(tempfile.gettempdir()) / f"{PRIVATE}{os.getuid()}"
+    path = Path(tempfile.gettempdir()) / f"{PRIVATE_PREFIX}{os.getuid()}"
     path.mkdir(mode=0o700, exist_ok=True)
-    found = path.lstat()
-    ours = stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o022
-    return path if ours and os.access(path, os.W_OK) else Path(tempfile.mkdtemp(prefix=PRIVATE))
+    status = path.lstat()
+    is_safe = stat.S_ISDIR(status.st_mode) and status.st_uid == os.getuid() and not status.st_mode & 0o022
+    return path if is_safe and os.access(path, os.W_OK) else Path(tempfile.mkdtemp(prefix=PRIVATE_PREFIX))
 
 
 class Locator(InTreeCacheLocator):
-    """Cache locator of kernels for numba: one folder for all, named after their sources."""
+    """Cache locator for numba: all kernels are in one folder, whose name contains the hash of their sources."""
 
     @classmethod
     def from_function(cls, py_func, py_file):
         return cls(py_func, py_file)
 
     def get_cache_path(self) -> str:
-        return str(folder())
+        return str(kernel_folder())
 
     def get_source_stamp(self) -> str:
-        return stamp()
+        return source_hash()
 
     def get_disambiguator(self) -> str:
-        """Return a text of line and folder that distinguishes functions in files of the same name."""
-        where = os.path.dirname(os.path.abspath(self._py_file))
-        return f"{self._lineno}-{hashlib.sha256(where.encode()).hexdigest()[:8]}"
+        """Return a text that differs for functions of the same name in files of the same name."""
+        directory = os.path.dirname(os.path.abspath(self._py_file))
+        return f"{self._lineno}-{hashlib.sha256(directory.encode()).hexdigest()[:8]}"
 
     def ensure_cache_path(self) -> None:
-        """Create the folder and take the lock: numba calls this method just before it writes."""
+        """Create and lock the folder. numba calls this method just before it writes a file."""
         super().ensure_cache_path()
-        lock.take()
+        lock.acquire()
 
 
 class FolderLock(event.Listener):
-    """Lock on the folder, from `take` until the thread leaves numba's compiler lock."""
+    """Lock on the kernel folder, held from `acquire` until the calling thread releases numba's compiler lock."""
 
     def __init__(self) -> None:
         self._held: filelock.BaseFileLock | None = None
         self._thread = self._depth = 0
-        self._listens = False
+        self._is_registered = False
 
-    def take(self) -> None:
-        if not self._listens:
+    def acquire(self) -> None:
+        """Lock the folder; do nothing where file locks do not work, or if the lock is not free within LOCK_TIMEOUT."""
+        if not self._is_registered:
             event.register("numba:compiler_lock", self)
-            self._listens = True
-        file = filelock.FileLock(folder() / "lock", thread_local=False)
-        with suppress(OSError, NotImplementedError):  # file systems without locks, and the end of the longest wait
-            file.acquire(timeout=LONGEST_WAIT)
+            self._is_registered = True
+        file = filelock.FileLock(kernel_folder() / "lock", thread_local=False)
+        with suppress(OSError, NotImplementedError):  # OSError: also a timeout
+            file.acquire(timeout=LOCK_TIMEOUT)
             self._held, self._thread, self._depth = file, threading.get_ident(), 0
 
     def on_start(self, event: event.Event) -> None:
@@ -175,14 +178,3 @@ class FolderLock(event.Listener):
 
 
 lock = FolderLock()
-
-
-@contextmanager
-def located() -> Iterator[None]:
-    """Cache functions that are decorated within this context by `Locator`; restore numba's setting afterwards."""
-    before = config.CACHE_LOCATOR_CLASSES
-    config.CACHE_LOCATOR_CLASSES = f"{Locator.__module__}.{Locator.__qualname__}"
-    try:
-        yield
-    finally:
-        config.CACHE_LOCATOR_CLASSES = before

@@ -1,11 +1,12 @@
-"""Compiler of sums: constant arguments are folded, and all constants have the precision of the arguments.
+"""Compiler of sums over neighbours, with two passes in addition to numba's.
 
-numba compiles a version of a function for each integer or truth value that its callers give literally, but keeps all
-branches of it. `FoldArguments` replaces such arguments by their values, so that only the branch taken is typed.
+numba compiles one specialisation of a function for each literal integer or truth value among the arguments of a call,
+but keeps all branches in each. `FoldArguments` replaces such arguments by their values, so that only the branch that
+is taken gets compiled.
 
-numba types a literal as double precision, and an operation with a literal then promotes the other operand.
-`SingleConstants` converts literals to single precision where an argument has it: one source serves both precisions.
-Code that must stay in double precision is a function of its own.
+numba gives floating-point literals double precision, so that an operation with a literal is done in double precision.
+`SingleConstants` converts the literals of a function to single precision if one of its arguments has single precision.
+One source then serves both precisions. Code that must stay in double precision is in separate functions.
 
 Custom compilers: numba's manual, "Customizing the compiler".
 """
@@ -19,38 +20,40 @@ from numba.core.postproc import PostProcessor
 from numba.core.untyped_passes import InlineInlinables, IRProcessing
 
 
-def _single(value):
+def _to_single(value):
+    """Return a value with floats, also those in tuples, converted to single precision."""
     if isinstance(value, tuple):
-        return tuple(_single(one) for one in value)
+        return tuple(_to_single(one) for one in value)
     return np.float32(value) if isinstance(value, float) else value
 
 
-def _is_single(kind):
-    """Return whether a type is a number, an array or a tuple with numbers of single precision."""
-    if hasattr(kind, "types"):  # those of a tuple's entries
-        return any(_is_single(one) for one in kind.types)
+def _has_single(kind):
+    """Return whether a numba type is a single-precision number, an array of such, or a tuple that contains either."""
+    if hasattr(kind, "types"):  # the types of the entries of a tuple
+        return any(_has_single(one) for one in kind.types)
     return getattr(kind, "dtype", kind) == types.float32
 
 
-def _assigned(state):
+def _assignments(state):
+    """Return all assignments in the function that a compiler pass works on."""
     return [one for block in state.func_ir.blocks.values() for one in block.find_insts(ir.Assign)]
 
 
 @register_pass(mutates_CFG=False, analysis_only=False)
 class FoldArguments(FunctionPass):
-    """Compiler pass that replaces literal arguments by constants."""
+    """Compiler pass that replaces the literal arguments of a function by constants."""
 
     _name = "fold_arguments"
 
-    def __init__(self):
+    def __init__(self):  # abstract in numba
         super().__init__()
 
     def run_pass(self, state):
-        for one in _assigned(state):
+        for one in _assignments(state):
             if isinstance(one.value, ir.Arg) and isinstance(state.args[one.value.index], types.Literal):
                 one.value = ir.Const(state.args[one.value.index].literal_value, one.loc)
         former = state.func_ir
-        # Branches are pruned by the definitions of variables, which a new function has to be given.
+        # Dead branches are found from the definitions of variables, which are rebuilt here with the new constants.
         state.func_ir = ir.FunctionIR(
             former.blocks, former.is_generator, former.func_id, former.loc, build_definitions(former.blocks),
             former.arg_count, former.arg_names,
@@ -61,7 +64,7 @@ class FoldArguments(FunctionPass):
 
 @register_pass(mutates_CFG=False, analysis_only=False)
 class SingleConstants(FunctionPass):
-    """Compiler pass that converts constants of a function of single precision, and of functions inlined in it."""
+    """Compiler pass that converts constants to single precision, also in inlined functions, if an argument has it."""
 
     _name = "single_constants"
 
@@ -69,15 +72,15 @@ class SingleConstants(FunctionPass):
         super().__init__()
 
     def run_pass(self, state):
-        if any(_is_single(kind) for kind in state.args):
-            for one in _assigned(state):
+        if any(_has_single(kind) for kind in state.args):
+            for one in _assignments(state):
                 if isinstance(one.value, ir.Const | ir.Global | ir.FreeVar):
-                    one.value.value = _single(one.value.value)
+                    one.value.value = _to_single(one.value.value)
         return True
 
 
 class SumsCompiler(CompilerBase):
-    """numba's default compiler with the two passes."""
+    """numba's default compiler with the passes `FoldArguments` and `SingleConstants` added."""
 
     def define_pipelines(self):
         manager = DefaultPassBuilder.define_nopython_pipeline(self.state)

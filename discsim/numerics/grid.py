@@ -104,9 +104,9 @@ class Grid:
         inverse = 1.0 / self.cell
         key = np.empty(len(pos), np.uint8)
         parallel_for(
-            kernels.strip_of, len(pos), pos, self.origin, inverse, self.shape, self.periodic, shift, key, light=True
+            kernels.strip_keys, len(pos), pos, self.origin, inverse, self.shape, self.periodic, shift, key, light=True
         )
-        runs, strips = kernels.runs_of(key, *pieces)
+        runs, strips = kernels.strip_runs(key, *pieces)
         order, start = counting_sort(strips, kernels.STRIPS + 1)
         beyond, part = np.zeros((kernels.STRIPS, out.shape[1])), (*self.shape, *first)
         parallel_for(
@@ -144,7 +144,7 @@ class Grid:
             of_chunks = np.empty(chunks), np.empty(chunks, np.int64)
             ranges.append((chunks, gradient, pos, *where, acc, *of_chunks))
             found.append(of_chunks)
-        parallel_for_ranges(kernels.pull, ranges, least=1)
+        parallel_for_ranges(kernels.subtract_interpolated, ranges, least=1)
         return [(float(np.sqrt(largest.max(initial=0.0))), int(missing.sum())) for largest, missing in found]
 
     def sort_keys(self, pos: Array) -> tuple[Array, int]:
@@ -153,20 +153,21 @@ class Grid:
         Particles that are near each other in the sorted order are mostly near each other in space.
         """
         key = np.empty(len(pos), np.uint32)
-        parallel_for(kernels.places_of, len(pos), pos, self.origin, 1.0 / self.cell, self.shape, self.periodic, key)
+        parallel_for(kernels.sort_keys, len(pos), pos, self.origin, 1.0 / self.cell, self.shape, self.periodic, key)
         return key, int(key.max(initial=0)) + 1
 
     def outside(self, pos: Array) -> Array:
         """Return the indices of particles off the grid, which are not deposited and must not gather."""
         outside = np.empty(len(pos), bool)
         inverse = 1.0 / self.cell
-        parallel_for(kernels.is_outside, len(pos), pos, self.origin, inverse, self.shape, self.periodic, outside)
+        parallel_for(kernels.mark_outside, len(pos), pos, self.origin, inverse, self.shape, self.periodic, outside)
         return np.flatnonzero(outside)
 
     def extent(self, pos: Array, bounds: Array) -> Extent:
         """Return the range of nodes that particles touch; bounds: boxes (batches, 4) about `pos`, from `bounds_of`."""
         given = pos, bounds, self.origin, 1.0 / self.cell, self.shape, self.periodic
-        least, most, low, high, off = zip(*parallel_for(kernels.extents, len(bounds), *given, least=LEAST), strict=True)
+        found = parallel_for(kernels.node_ranges, len(bounds), *given, least=LEAST)
+        least, most, low, high, off = zip(*found, strict=True)
         return Extent(np.min(least, axis=0), np.max(most, axis=0), min(low), max(high), sum(off))
 
     def gradient(self, field: Array, out: Array | None = None, columns: tuple[Array, Array] | None = None) -> Array:

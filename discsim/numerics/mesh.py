@@ -57,7 +57,7 @@ class Mesh:
         species: particles by name of the species; those that are not sources only feel the potential. Raises
         ValueError, as `Poisson`.
         """
-        parallel_for(moves.blank, len(self.density), self.density, least=64)
+        parallel_for(moves.set_to_zero, len(self.density), self.density, least=64)
         for name in sources:
             self._deposit(species[name])
         self._poisson.solve(self.density, out=self._potential)

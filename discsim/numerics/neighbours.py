@@ -13,13 +13,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from discsim.kernels.common import neighbours as kernels
-from discsim.kernels.common.candidates import list_candidates
+from discsim.kernels.common.candidates import LANES, list_candidates
 from discsim.kernels.common.neighbours import (
     ALL_X,
     CELL_OVER_REACH,
     FIRST,
     FROM_X,
-    LANES,
     MAX_CLASSES,
     NX,
     REACH,
@@ -161,9 +160,9 @@ def cells_in(
     x, y, radius = in_order = np.empty((3, len(pos) + LANES))  # padded for loops over whole vectors
     in_order[:, len(pos) :] = 0.0
     bounds = np.empty((grids.cells, 5))
-    parallel_for(kernels.lay_out, grids.cells, pos, h, grids.extent, order, start, x, y, radius, bounds)
+    parallel_for(kernels.copy_in_cell_order, grids.cells, pos, h, grids.extent, order, start, x, y, radius, bounds)
     filled = np.flatnonzero(np.diff(start))
-    table = grids.table.copy()  # `widen` changes the table of these cells
+    table = grids.table.copy()  # `update_radii` changes the table of these cells
     return Cells(filled, key, table, order, start, x, y, radius, bounds, grids.low, grids.width, grids.periodic)
 
 

@@ -25,7 +25,7 @@ def counting_sort(
     np.cumsum(ends, out=ends)
     start = ends[::parts].astype(np.int64)
     order = np.empty(len(key), np.uint32)
-    parallel_for(kernels.put_in_order, parts, key, parts, ends, order, least=1)
+    parallel_for(kernels.write_order, parts, key, parts, ends, order, least=1)
     if global_index is not None:
         if unsorted_rows is None:
             some = _keys_out_of_order(key, global_index, order, start)
@@ -41,7 +41,7 @@ def _keys_out_of_order(key: Array, global_index: Array, order: Array, start: Arr
     order, start: stable order by `key`, and start of each key in it, as in `counting_sort`.
     """
     behind = np.empty(len(key) + 1, bool)
-    parallel_for(kernels.find_behind, len(key), global_index, order, behind)
+    parallel_for(kernels.mark_unsorted, len(key), global_index, order, behind)
     behind[start] = False  # the first member of each key, and the entry beyond the end
     some = key[order[np.flatnonzero(behind)]]
     another = np.ones(len(some), bool)

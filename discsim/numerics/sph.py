@@ -10,16 +10,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 import numpy as np
 
 from discsim.kernels.common.candidates import list_candidates
-from discsim.kernels.common.neighbours import Cells, widen
+from discsim.kernels.common.neighbours import Cells, update_radii
 from discsim.kernels.sph.density import (
     DIV_CURL,
     NO_DERIVATIVES,
     SLOPES,
     TILE,
-    Found,
-    Given,
-    Wanted,
-    Work,
+    DensityInput,
+    DensityOutput,
+    Scratch,
+    SmoothingRule,
     density_driver,
 )
 from discsim.kernels.sph.density import ROWS as MEMBER_ROWS
@@ -29,8 +29,8 @@ from discsim.kernels.sph.forces import (
     NO_VISCOSITY,
     RECONSTRUCTED,
     Strengths,
-    force_columns,
     force_driver,
+    write_force_columns,
 )
 from discsim.kernels.sph.packs import FLUIDITY, ROWS, STRIDE, SWITCH, SYY, Scale
 from discsim.kernels.sph.smoothing import KERNELS, MEAN_Q2, NORM, SQUEEZED, SUPPORT
@@ -165,7 +165,7 @@ class Sph:
     def mark_cells(self, lists: Any) -> None:
         """Set `marked` for the cells of all particles in the candidate lists `lists`."""
         cells = self.cells
-        self.marked[cells.key[cells.order[lists.slots[: lists.begin[-1]]]]] = True
+        self.marked[cells.key[cells.order[lists.indices[: lists.begin[-1]]]]] = True
 
     def outgrown_cells(self, own: np.ndarray) -> np.ndarray:
         """Return all cells with a particle whose support exceeds the reach of the cell's candidate list.
@@ -208,10 +208,13 @@ class Sph:
         self.marked = np.zeros(len(cells.bounds), np.bool_)
         div, curl = (np.empty(len(h) if self.derived == DIV_CURL else 0) for _ in range(2))
         slopes = np.empty((len(h) if self.derived == SLOPES else 0, 3))
-        found = self.found = Found(h, both.beside(gas.density), both.beside(gas.gradh), div, curl, slopes)
-        given = Given(vel if self.derived == NO_DERIVATIVES else both.of(vel), mass)
+        found = self.found = DensityOutput(h, both.beside(gas.density), both.beside(gas.gradh), div, curl, slopes)
+        given = DensityInput(vel if self.derived == NO_DERIVATIVES else both.of(vel), mass)
         norm = NORM[self.dim - 1][self.kernel]
-        wanted, unit = Wanted(self.eta, h_least, self.h_most, self.fixed, norm, self.support), power_of_two_above(mass)
+        wanted, unit = (
+            SmoothingRule(self.eta, h_least, self.h_most, self.fixed, norm, self.support),
+            power_of_two_above(mass),
+        )
 
         def repeat(first: int, last: int) -> None:
             (part,) = self.with_scratch([self.candidates_of(cells, left, first, last)])
@@ -228,7 +231,7 @@ class Sph:
             some = self.outgrown_cells(left)
             if not world.processes.most(len(some)):
                 break
-            widen(some, 1.2 * self.support, h, cells)
+            update_radii(some, 1.2 * self.support, h, cells)
             if not self.halo_suffices(some):
                 return False
             outgrown = np.zeros(len(left), np.bool_)
@@ -266,7 +269,7 @@ class Sph:
         packs = alloc.aligned((len(lists), ROWS * STRIDE), real)
         packs[:] = 0.0
         members = (most + TILE - 1) // TILE * TILE * MEMBER_ROWS
-        return [(part, Work(packs[k], np.zeros(members), np.empty((most, 5)))) for k, part in enumerate(lists)]
+        return [(part, Scratch(packs[k], np.zeros(members), np.empty((most, 5)))) for k, part in enumerate(lists)]
 
     def forces(self, gas: Gas, acc: np.ndarray, vel: np.ndarray, u: np.ndarray | None, pressure: np.ndarray) -> float:
         """Add pressure, viscosity and conduction to `acc` (n, d) and, with energies, to `gas.heating_rate`.
@@ -293,7 +296,7 @@ class Sph:
         last = SYY if self.pairs == RECONSTRUCTED else FLUIDITY if with_fluidity else SWITCH
         columns = self._column_buffer(len(mass), last + 1)
         parallel_for(
-            force_columns, len(mass), Given(moving, mass), found, pressure, sound, energy, nu, *terms,
+            write_force_columns, len(mass), DensityInput(moving, mass), found, pressure, sound, energy, nu, *terms,
             alpha, scale, self.cells.order, columns,
         )  # fmt: skip
         sums, rate = both.beside(acc), EMPTY if u is None else both.beside(gas.heating_rate)

@@ -121,7 +121,7 @@ def chunks(count: int, least: int, threads: int) -> list[list[tuple[int, int]]]:
 def copied(array: np.ndarray) -> np.ndarray:
     """Return a copy of `array` (n, ...), made on several threads, with the same spare capacity."""
     out = alloc.allocate_like(array)
-    parallel_for(moves.assign, len(out), out, array, light=True)
+    parallel_for(moves.copy, len(out), out, array, light=True)
     return out
 
 

@@ -174,8 +174,8 @@ def particles_reach(scene: Scene, companion: Any, outlook: ForecastState) -> boo
         width, orbits_needed = REACH_OF_STAR * (1.0 + 2.0 * e), 1.0
     reach = width * (companion.mass / (scene.star.mass + companion.mass)) ** (2.0 / 7.0) * a
     nearest, farthest = a * abs(1.0 - e), a * (1.0 + e) if e < 1.0 else math.inf
-    is_outside = not (outlook.inner <= farthest and outlook.outer >= nearest)
-    if is_outside and e < 1.0 and outlook.elapsed < orbits_needed * period(scene, companion):
+    mark_outside = not (outlook.inner <= farthest and outlook.outer >= nearest)
+    if mark_outside and e < 1.0 and outlook.elapsed < orbits_needed * period(scene, companion):
         return False
     return bool(outlook.inner <= farthest + reach and outlook.outer >= nearest - reach)
 

@@ -132,7 +132,7 @@ class _AccelerationSums:
 
 
 def _set_to_zero(array: Array) -> None:
-    parallel_for(moves.blank, len(array), array, light=True)
+    parallel_for(moves.set_to_zero, len(array), array, light=True)
 
 
 def add_forces(state: State, plan: Plan, costs: Costs) -> None:

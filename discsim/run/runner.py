@@ -83,7 +83,8 @@ def execute_and_report(run: Run, resume: bool) -> int:
             if raised_in_numba_cache(fault) and fault.errno not in TOO_MANY_OPEN:
                 reason = fault.strerror or str(fault)
                 cure = "Free disk space there, or set NUMBA_CACHE_DIR to another directory"
-                fail(f"{cache.folder()}: compiled kernels cannot be written: {reason}. {cure}. {run.resume_advice()}")
+                folder, cure = cache.kernel_folder(), f"{cure}. {run.resume_advice()}"
+                fail(f"{folder}: compiled kernels cannot be written: {reason}. {cure}")
             else:
                 fail(f"{system_message(fault, 'written', directory)}. {run.resume_advice()}")
             return NOT_WRITTEN
@@ -142,7 +143,7 @@ class Run:
             self.progress.say(str(self.sim.relaxed))
         if cache.is_temporary():
             why = "numba's usual folders are not writable; set NUMBA_CACHE_DIR to choose another"
-            self.progress.say(f"compiled kernels are kept in {cache.folder()}: {why}")
+            self.progress.say(f"compiled kernels are kept in {cache.kernel_folder()}: {why}")
         self._begin_or_resume(resume)
         if not resume:
             self._write_output()

@@ -194,7 +194,7 @@ def test_balance_of_a_viscous_irradiated_disc(opacity):
     if opacity == "bell-lin":
         kappa = np.empty(gas.count)
         rho = (sigma * omega / np.sqrt(2 * np.pi * speed2)).cgs.value
-        kernels.opacities(0, gas.count, rho, found.value, kappa)
+        kernels.write_opacities(0, gas.count, rho, found.value, kappa)
     else:
         kappa = u.Quantity(opacity).cgs.value
     tau = 0.5 * kappa * sigma.value

@@ -93,12 +93,12 @@ def test_drift_of_stirred_dust_has_every_gradient(law, index):
         pos = np.stack([0.6 * r, 0.8 * r], axis=1)
         field, strength = np.zeros((len(r), 7)), np.empty(len(r))
         drift, times, norm = np.empty((len(r), 2)), np.empty(len(r)), np.ones(len(r))
-        kernels.given_about(0, len(r), pos, drag.kernel_disc(1.3), field)
+        kernels.write_gas_of_disc(0, len(r), pos, drag.kernel_disc(1.3), field)
         omega = np.sqrt(1.3 / (r * r + 0.09) ** 1.5)
         speed = np.sqrt(field[:, kernels.SPEED2])
         for i in range(len(r)):
             times[i] = drag.law.stopping_time(0, field[i : i + 1, 0], speed[i : i + 1], omega[i : i + 1], 0.01)[0]
-        kernels.strengths(
+        kernels.write_diffusivities(
             0, len(r), pos, np.zeros(4), row[: len(r)], field, times, norm, True, stirring, strength, drift
         )
         return strength, drift @ [0.6, 0.8], field[:, kernels.DENSITY].copy(), times * omega

@@ -7,7 +7,7 @@ from scenes import problems
 
 from discsim import SceneError, Simulation
 from discsim.effects.quiet import QuietDisc
-from discsim.kernels.sph.quiet import follow
+from discsim.kernels.sph.quiet import follow_density
 from discsim.numerics.operators import accelerate
 from discsim.run.forces import acceleration_of
 from discsim.scene import load_scene
@@ -66,7 +66,7 @@ def followed(div, dt, steps, start=0.7, summed=0.7, memory=1e9, omega=1.3, sound
     for k in range(1, steps + 1):
         pressure = np.array([sound**2 * summed])
         given = np.array([omega]), slopes, np.array([summed]), pressure, np.array([sound]), np.array([1.0 / size])
-        follow(0, 1, k * dt, memory, *given, *one)
+        follow_density(0, 1, k * dt, memory, *given, *one)
     return float(one[0][0]), float(pressure[0]), float(one[2][0])
 
 
@@ -115,7 +115,7 @@ def test_in_a_shock_the_density_is_soon_the_summed_one():
 def test_a_shock_is_remembered_for_five_crossings():
     state = [np.array([value]) for value in (0.5, 0.0, 1.0, 0.0)]
     given = np.array([1.3]), np.zeros((1, 3)), np.array([0.5]), np.array([0.08]), np.array([0.4]), np.array([5.0])
-    follow(0, 1, 2.0, 1e9, *given, *state)
+    follow_density(0, 1, 2.0, 1e9, *given, *state)
     assert state[2][0] == pytest.approx(np.exp(-2.0 / (5.0 * 0.2 / 0.4)), rel=1e-12)
 
 

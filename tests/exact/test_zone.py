@@ -18,7 +18,7 @@ def linear(u, settled, rate, t_cool, dt, times=1):
     for _ in range(times):
         out = np.empty(1)
         given = np.array([u]), np.array([rate]), dt / times
-        kernels.towards(0, 1, HERE, *given, False, t_cool, np.array([settled, 0.0, 0.0]), 1.0, 0.0, out)
+        kernels.relax_to_energy(0, 1, HERE, *given, False, t_cool, np.array([settled, 0.0, 0.0]), 1.0, 0.0, out)
         u = out[0]
     return u
 
@@ -28,7 +28,7 @@ def light(u, settled, rate, dt, opacity=3.0, times=1):
     for _ in range(times):
         out = np.empty(1)
         given = np.array([u]), np.array([COLUMN]), np.array([rate]), dt / times
-        kernels.radiative(0, 1, HERE, *given, opacity, np.array([settled, 0.0, 0.0]), 1.0, 0.0, UNIT, out)
+        kernels.cool_radiatively(0, 1, HERE, *given, opacity, np.array([settled, 0.0, 0.0]), 1.0, 0.0, UNIT, out)
         u = out[0]
     return u
 
@@ -75,7 +75,7 @@ def test_a_stiff_zone_ends_where_heating_and_cooling_balance(opacity, rate):
         if opacity == 0.0:
             found = np.empty(1)
             rho = UNIT[1] * COLUMN / np.sqrt(2.0 * np.pi * UNIT[2] * u)
-            kernels.opacities(0, 1, np.array([rho]), np.array([UNIT[3] * u]), found)
+            kernels.write_opacities(0, 1, np.array([rho]), np.array([UNIT[3] * u]), found)
             kappa = found[0]
         return rate - (u**4 - 0.5**4) / (COLUMN * effective_depth(0.5 * kappa * COLUMN))
 
@@ -103,7 +103,7 @@ def test_opacity_is_continuous(rho):
     """The steepest of its powers of the temperature is the 24th."""
     temperature = np.exp(np.linspace(np.log(1.0), np.log(1e7), 100_001))
     found = np.empty_like(temperature)
-    kernels.opacities(0, len(found), np.full(len(found), rho), temperature, found)
+    kernels.write_opacities(0, len(found), np.full(len(found), rho), temperature, found)
     assert np.abs(np.diff(np.log(found)) / np.diff(np.log(temperature))).max() < 24.1
 
 
@@ -112,6 +112,6 @@ def test_opacities_of_bell_and_lin():
     rho = np.array([1e-9, 1e-7, 1e-6, 1e-9, 1e-12])
     temperature = np.array([100.0, 1000.0, 2500.0, 2e4, 1e6])
     found = np.empty(5)
-    kernels.opacities(0, 5, rho, temperature, found)
+    kernels.write_opacities(0, 5, rho, temperature, found)
     wanted = [2.0, 0.1 * 1000.0**0.5, 1e-8 * 1e-4 * 2500.0**3, 1.5e20 * 1e-9 * 2e4**-2.5, 0.348]
     np.testing.assert_allclose(found, wanted, rtol=1e-12)

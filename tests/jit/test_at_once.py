@@ -19,7 +19,7 @@ USE = """
 import sys
 from discsim.jit import cache
 from one_kernel import twice
-print(cache.folder(), flush=True)
+print(cache.kernel_folder(), flush=True)
 print(twice(1.5), sum(twice.stats.cache_hits.values()), flush=True)
 """
 

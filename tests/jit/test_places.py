@@ -67,7 +67,7 @@ def test_a_full_disk_of_the_cache_is_not_the_directory_of_the_run(tmp_path, monk
     at_step(monkeypatch, 2, lambda sim: one_more(1))
     assert run_scene(scene_of(tmp_path, WAVE), tmp_path / "out", quiet=True) == 1
     message = capsys.readouterr().err
-    place = cache.folder()
+    place = cache.kernel_folder()
     assert message.startswith(f"{place}: compiled kernels cannot be written: No space left on device. Free disk ")
     assert place.is_dir() and "NUMBA_CACHE_DIR" in message and len(message.splitlines()) == 1
 
@@ -75,23 +75,23 @@ def test_a_full_disk_of_the_cache_is_not_the_directory_of_the_run(tmp_path, monk
 @pytest.fixture
 def read_only(tmp_path, monkeypatch):
     """A file system on which nothing but the temporary directory can be written, as the kernels' folder sees it."""
-    real = cache._made
+    real = cache._create_folder
 
     def made(parent):
         if not parent.is_relative_to(tmp_path):
             raise OSError(errno.EROFS, "Read-only file system")
         return real(parent)
 
-    monkeypatch.setattr(cache, "_made", made)
+    monkeypatch.setattr(cache, "_create_folder", made)
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    cache.folder.cache_clear()
+    cache.kernel_folder.cache_clear()
     yield
-    cache.folder.cache_clear()
+    cache.kernel_folder.cache_clear()
 
 
 def test_where_no_usual_place_can_be_written_a_temporary_one_is_taken(tmp_path, read_only, capsys):
     place = tmp_path / f"discsim-kernels-{os.getuid()}"
-    assert cache.folder().parent == place and cache.is_temporary()
+    assert cache.kernel_folder().parent == place and cache.is_temporary()
     assert stat.S_IMODE(place.stat().st_mode) == 0o700
     assert run_scene(scene_of(tmp_path, WAVE), tmp_path / "out") == 0
     said = [line for line in capsys.readouterr().out.splitlines() if "compiled kernels are kept" in line]
@@ -102,7 +102,7 @@ def test_a_place_that_others_may_write_is_not_taken(tmp_path, read_only):
     place = tmp_path / f"discsim-kernels-{os.getuid()}"
     place.mkdir()
     place.chmod(0o777)
-    found = cache.folder().parent
+    found = cache.kernel_folder().parent
     assert found != place and stat.S_IMODE(os.stat(found).st_mode) == 0o700 and cache.is_temporary()
 
 
@@ -111,7 +111,7 @@ def test_no_place_at_all_is_one_message(tmp_path, read_only, monkeypatch, capsys
         raise FileNotFoundError(errno.ENOENT, "No usable temporary directory found")
 
     monkeypatch.setattr(tempfile, "gettempdir", nowhere)
-    monkeypatch.setattr("discsim.run.runner.Simulation", lambda scene, **_: cache.folder())
+    monkeypatch.setattr("discsim.run.runner.Simulation", lambda scene, **_: cache.kernel_folder())
     assert run_scene(scene_of(tmp_path, WAVE), tmp_path / "out", quiet=True) == 1
-    wanted = "there is no place for compiled kernels: set NUMBA_CACHE_DIR to a directory that can be written\n"
+    wanted = "no folder for compiled kernels can be written: set NUMBA_CACHE_DIR to a directory that can be written\n"
     assert capsys.readouterr().err == wanted and not (tmp_path / "out").exists()

@@ -94,12 +94,13 @@ def test_a_run_has_the_physics_of_its_sources(copy):
 
 def test_what_was_compiled_long_ago_goes(tmp_path):
     """All but the last ones used, and those that a run of today may still add to."""
-    old = [tmp_path / f"kernels-{number:02}" for number in range(2 * cache.KEPT)]
+    old = [tmp_path / f"kernels-{number:02}" for number in range(2 * cache.FOLDERS_KEPT)]
     for number, path in enumerate(old):
         path.mkdir()
         (path / "one.nbi").touch()
         os.utime(path, (time.time() - 2e5 + number,) * 2)
     (tmp_path / "other").mkdir()
     os.utime(old[0])
-    cache.sweep(old[1])
-    assert sorted(tmp_path.glob("kernels-*")) == [*old[:2], *old[cache.KEPT :]] and (tmp_path / "other").is_dir()
+    cache.remove_old_folders(old[1])
+    assert sorted(tmp_path.glob("kernels-*")) == [*old[:2], *old[cache.FOLDERS_KEPT :]]
+    assert (tmp_path / "other").is_dir()

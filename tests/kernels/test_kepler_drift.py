@@ -10,7 +10,7 @@ from discsim.kernels.gravity import kepler
 
 MU = 1.3
 MASSES, ALIKE = np.array([MU]), np.empty(0, np.int64)
-NUMBER = kepler.SOME + 9  # more than are moved at once
+NUMBER = kepler.BATCH + 9  # more than are moved at once
 
 
 def orbits(e, sizes=(0.5, 2.0), seed=3):

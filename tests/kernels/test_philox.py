@@ -30,7 +30,7 @@ def test_words_are_those_of_its_authors(counter, key, known):
 
 def normals(ids, seed=1, step=3):
     out = np.empty((len(ids), 2))
-    philox.normals_of(0, len(ids), philox.key_of(seed, 7), ids, step, out)
+    philox.write_normals(0, len(ids), philox.key_words(seed, 7), ids, step, out)
     return out
 
 

@@ -5,11 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from discsim.kernels.common.totals import SOME
+from discsim.kernels.common.totals import MAX_TERMS
 from discsim.kernels.gravity import point_masses as star
 from discsim.numerics.totals import rounded
 
-NUMBER = 9 * SOME + 7  # more than a kernel has room for at first
+NUMBER = 9 * MAX_TERMS + 7  # more than a kernel has room for at first
 
 
 @pytest.mark.parametrize("radius", [0.0, 0.02, 0.3, 3.0])
@@ -17,7 +17,7 @@ def test_positions_are_divided_by_their_distance(radius):
     """Also where some blocks of them have none within it."""
     rng = np.random.default_rng(5)
     pos = rng.uniform(-1.0, 1.0, (NUMBER, 2))
-    pos[SOME : 2 * SOME] += np.where(rng.random(SOME) < 0.5, -1.5, 1.5)[:, None]
+    pos[MAX_TERMS : 2 * MAX_TERMS] += np.where(rng.random(MAX_TERMS) < 0.5, -1.5, 1.5)[:, None]
     first, last = 3, NUMBER - 1
     least, inside = star.split_by_radius(first, last, pos, radius**2, 0.1, 0.0)
     distance2 = ((pos[:, 0] - 0.1) ** 2 + pos[:, 1] ** 2)[first:last]
@@ -31,7 +31,7 @@ def test_the_nearest_is_found_wherever_it_is(number):
     for which in range(number):
         pos = np.full((number, 2), [3.0, 4.0])
         pos[which] = 0.0, 1.0
-        assert star.nearest(0, number, pos, 0.0, 0.0) == 1.0
+        assert star.nearest_squared(0, number, pos, 0.0, 0.0) == 1.0
         least, inside = star.split_by_radius(0, number, pos, 0.5, 0.0, 0.0)
         assert least == 1.0 and len(inside) == 0
         least, inside = star.split_by_radius(0, number, pos, 2.0, 0.0, 0.0)

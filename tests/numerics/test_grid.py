@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from discsim import load_scene
-from discsim.kernels.common.grid import BAND, cell_of, largest_norm
+from discsim.kernels.common.grid import BAND, cell_of
 from discsim.numerics.batches import bounds_of
 from discsim.numerics.grid import Grid
 from discsim.numerics.layout import leaf_side_and_counts
@@ -220,11 +220,6 @@ def test_sides_that_do_not_fit_a_periodic_box():
 def test_cell_of():
     assert [cell_of(x, -1.0, 4.0, 8, False) for x in (-1.0, 0.99, 1.0, -1.01, np.nan)] == [0, 7, -1, -1, -1]
     assert [cell_of(x, 0.0, 4.0, 8, True) for x in (2.0, -0.01, -1e-18, 6.1, np.nan)] == [0, 7, 0, 0, -1]
-
-
-def test_largest_norm():
-    assert largest_norm(np.array([[1.0, 0.0], [3.0, -4.0]])) == 5.0
-    assert largest_norm(np.empty((0, 2))) == 0.0
 
 
 @pytest.mark.parametrize("grid", [OPEN, PERIODIC, LINE])

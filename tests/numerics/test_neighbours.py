@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numba import njit
 
-from discsim.kernels.common.candidates import per_slab, window
-from discsim.kernels.common.neighbours import FIRST, LANES, NX, REACH, SIDE_X, extremes
+from discsim.kernels.common.candidates import LANES, find_window, slabs_per_length
+from discsim.kernels.common.neighbours import FIRST, NX, REACH, SIDE_X, extremes
 from discsim.kernels.mpi.halo import EITHER, OWN, THEIRS, mark_cells
 from discsim.numerics.neighbours import candidates, cells_in, corners_of_cells, grids_of, keys_in, sort_into_cells
 
@@ -17,8 +17,8 @@ def test_candidates_hold_every_neighbour_of_every_image(h):
     (listed,) = candidates(cells, cells, mutual=True)
     for n, cell in enumerate(cells.filled):
         found = slice(listed.begin[n], listed.begin[n + 1])
-        j = cells.order[listed.slots[found]]
-        image = listed.turned[:, found].T if listed.crossing[n] else np.zeros((len(j), 2), int)
+        j = cells.order[listed.indices[found]]
+        image = listed.image_shift[:, found].T if listed.has_images[n] else np.zeros((len(j), 2), int)
         have = set(zip(j.tolist(), *(image + 0).T.tolist(), strict=True))
         for i in cells.order[cells.start[cell] : cells.start[cell + 1]]:
             for turn in np.ndindex(3, 3):
@@ -29,7 +29,7 @@ def test_candidates_hold_every_neighbour_of_every_image(h):
 
 @njit
 def window_in(n, dx, far, half, reach, begin, end, listed):
-    return window(n, dx, far, per_slab(half, reach), begin, end, listed)
+    return find_window(n, dx, far, slabs_per_length(half, reach), begin, end, listed)
 
 
 @pytest.mark.parametrize("stretch", [1.0, 1.5])
@@ -44,13 +44,13 @@ def test_windows_hold_all_that_are_within_reach_along_x(periodic, stretch):
     looked_at = most = 0
     for n, cell in enumerate(cells.filled):
         first, last = listed.begin[n : n + 2]
-        slots, (ox, _, half, _, reach) = listed.slots[first:last], cells.bounds[cell]
-        x = cells.x[slots] - ox + (listed.turned[0, first:last] if listed.crossing[n] else 0.0)
-        assert listed.slabs[n, 0] == 0 and np.all(np.diff(listed.slabs[n]) >= 0)
-        assert listed.widest[n] == cells.radius[slots].max()
+        slots, (ox, _, half, _, reach) = listed.indices[first:last], cells.bounds[cell]
+        x = cells.x[slots] - ox + (listed.image_shift[0, first:last] if listed.has_images[n] else 0.0)
+        assert listed.slab_starts[n, 0] == 0 and np.all(np.diff(listed.slab_starts[n]) >= 0)
+        assert listed.largest_radius[n] == cells.radius[slots].max()
         middle = first + (last - first) // 3
         for k in range(cells.start[cell], cells.start[cell + 1]):
-            dx, far = cells.x[k] - ox, max(cells.radius[k], listed.widest[n])
+            dx, far = cells.x[k] - ox, max(cells.radius[k], listed.largest_radius[n])
             within = np.zeros(last - first, bool)
             for begin, end in ((first, middle), (middle, last)):
                 some, count = window_in(n, dx, far, half, reach, begin, end, listed)

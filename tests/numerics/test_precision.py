@@ -6,8 +6,8 @@ from runs import on_threads, state_bits
 from sums import uneven
 
 from discsim import Simulation
-from discsim.kernels.common.neighbours import LANES, whole
-from discsim.kernels.sph.packs import CHUNK, SINGLES, all_of
+from discsim.kernels.common.candidates import LANES, padded_count
+from discsim.kernels.sph.packs import CHUNK
 
 ALL = {
     "eos": {"kind": "adiabatic", "gamma": 1.4},
@@ -115,7 +115,7 @@ def test_threads_and_resumes_keep_every_bit(tmp_path, monkeypatch, precision, vi
     assert found[0] == found[1] == state_bits(resumed)
 
 
-def test_packs_have_candidates_of_no_mass_as_far_as_their_sums_look():
+def test_padded_counts_are_the_next_multiples_of_a_vector():
     for n in range(CHUNK + 1):
-        looked_at = all_of.py_func(n)
-        assert n <= looked_at <= whole.py_func(n) + LANES and looked_at % SINGLES == 0
+        padded = padded_count.py_func(n)
+        assert n <= padded < n + LANES and padded % LANES == 0

@@ -10,7 +10,7 @@ import pytest
 from scipy.integrate import quad
 from sums import lattice, simulation, uneven, w
 
-from discsim.kernels.sph.smoothing import KERNELS, NORM, SUPPORT, bend, shape
+from discsim.kernels.sph.smoothing import KERNELS, NORM, SUPPORT, curvature, shape
 from discsim.numerics.operators import accelerate
 
 KERNEL_NAMES = tuple(KERNELS)
@@ -79,7 +79,7 @@ def test_kernel_slope_is_its_derivative(kernel, dim):
     np.testing.assert_allclose((value[0] - value[1]) / (2 * step), slope, atol=1e-8 * np.abs(slope).max())
     assert w(kernel, dim, np.array([SUPPORT[number]]))[0] == 0.0
     slopes = [w(kernel, dim, q + s * step)[1] for s in (1, -1)]
-    second = np.array([bend.py_func(number, dim, x) for x in q])
+    second = np.array([curvature.py_func(number, dim, x) for x in q])
     # At a knot of the cubic its third derivative jumps: the difference errs by step times that.
     np.testing.assert_allclose((slopes[0] - slopes[1]) / (2 * step), second, atol=1e-4 * np.abs(second).max())
 

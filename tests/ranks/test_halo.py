@@ -11,7 +11,7 @@ if find_spec("mpi4py") is None:
     pytest.skip("needs mpi4py: pip install -e '.[mpi]'", allow_module_level=True)
 
 from discsim.drag.cells import Lattice, merge
-from discsim.kernels.common.neighbours import FIRST, widen
+from discsim.kernels.common.neighbours import FIRST, update_radii
 from discsim.kernels.drag.blocks import LEVELS, NEAR
 from discsim.kernels.drag.tsc import levels
 from discsim.kernels.mpi.batches import BATCH
@@ -115,7 +115,7 @@ def test_cells_that_reach_others_are_not_alone(periodic):
     strangers = pos[:, 0] > 0.5
     there[cells.key[strangers]] = False
     some = cells.filled[::3]
-    widen(some, 2.0, h, cells)
+    update_radii(some, 2.0, h, cells)
     alone = cells_within_halo(some, cells, there)
     away = np.abs(pos[strangers][None] - cells.bounds[some][:, None, :2])
     if periodic:

@@ -1,7 +1,12 @@
-"""Neighbour lists by cell: the candidates that the particles of a cell may interact with, as indices in cell order.
+"""Neighbour lists by cell. The candidates of a cell are all particles that may interact with a particle of the cell.
 
-A sum for one particle takes only the candidates that may be within its reach along x, its `window`; for this, lists are
-sorted into slabs across x. The longer cells are along x, the smaller is the fraction of candidates in a window.
+The list of a cell may be sorted into slabs across x. The sum for one particle then takes only the candidates in the
+slabs that may be within its reach along x, its window. The longer cells are along x, the smaller is the fraction of
+candidates in a window.
+
+Particles are given by their indices in cell order (`Cells` of `neighbours.py`). The reach of a cell is the largest
+support radius of its particles. A run is a sequence of particles that are consecutive in cell order. In periodic space
+an image of a run is `turns` (runs, 2) box lengths away.
 """
 
 import math
@@ -12,56 +17,63 @@ from numba import njit
 
 from discsim.jit.decorators import inline_jit, inline_sums, jit_alloc
 from discsim.jit.index import index
-from discsim.kernels.common.neighbours import ALL_X, ALL_Y, FIRST, FROM_X, FROM_Y, NX, NY, REACH, SIDE_X, SIDE_Y, whole
+from discsim.kernels.common.neighbours import ALL_X, ALL_Y, FIRST, FROM_X, FROM_Y, NX, NY, REACH, SIDE_X, SIDE_Y
 
 BLOCK = 256  # particles of a run that are tested together
-USUAL = 128  # candidates of a cell in the first allocation
+INITIAL_PER_CELL = 128  # candidates per cell for which the first arrays have room
 SLABS = 32  # slabs across a cell and its reach on both sides
 ALIGNED = 4  # a window begins at a multiple of this
+LANES = 8  # lists of candidates are padded to multiples of this with massless ones, as loop remainders are slow
 ONE, TWO, THREE, ONE_MORE = index(1), index(2), index(3), np.int32(1)
 
 
 class Candidates(NamedTuple):
-    """Candidates of some cells, as indices in cell order: those of the n-th cell from begin[n] to begin[n + 1].
+    """Lists of the candidates of several cells. The list of the n-th cell is indices[begin[n]:begin[n + 1]].
 
-    crossing (cells,): whether a list has periodic images, which are `turned` (2, candidates) box lengths away.
-    slabs, widest: only of lists for windows, which are sorted by slab (`slab_of`). Slab k of the n-th cell starts at
-    begin[n] + slabs[n, k]; widest[n] is the largest support radius of the candidates.
+    The last two arrays are filled only for lists sorted into slabs, and are empty otherwise.
     """
 
-    begin: np.ndarray
-    slots: np.ndarray
-    crossing: np.ndarray
-    turned: np.ndarray
-    slabs: np.ndarray
-    widest: np.ndarray
+    begin: np.ndarray  # (cells + 1,)
+    indices: np.ndarray  # index of each candidate in cell order
+    has_images: np.ndarray  # (cells,): whether the list of a cell has periodic images
+    image_shift: np.ndarray  # (2, candidates): how many box lengths away the image is along x and y
+    slab_starts: np.ndarray  # (cells, SLABS + 2): slab k of the n-th cell starts at begin[n] + slab_starts[n, k]
+    largest_radius: np.ndarray  # (cells,): largest support radius of the candidates
 
 
-class Block(NamedTuple):
-    """Scratch for particles tested together: squared distance from the cell less the squared reach, and slab."""
+class BlockScratch(NamedTuple):
+    """Scratch (BLOCK,) for particles of a run that are tested together."""
 
-    keep: np.ndarray
+    excess: np.ndarray  # squared distance from the box of the cell, less the squared reach
     slab: np.ndarray
 
 
-class CellCandidates(NamedTuple):
-    """Candidates of one cell in the order in which they are found, with the slab and the run of each."""
+class CellScratch(NamedTuple):
+    """Scratch for the candidates of one cell, in the order in which they are found."""
 
-    slots: np.ndarray
+    indices: np.ndarray  # in cell order
     slabs: np.ndarray
-    runs: np.ndarray
+    runs: np.ndarray  # number of the run that has the candidate
+
+
+@inline_jit
+def padded_count(n):
+    """Return n, rounded up to a multiple of LANES."""
+    return (n + LANES - 1) & -LANES
 
 
 @inline_jit
 def find_runs(box, reach, mutual, cells, runs, turns):
-    """Find runs of consecutive particles in cell order that may be within `reach` of a box (centre, half widths).
+    """Write the runs of particles that may be within `reach` of a box to `runs` (n, 2), as first index and last + 1.
 
-    With `mutual` also those whose own support may overlap the box. On periodic axes the images are `turns` (runs, 2)
-    box lengths away. Returns the number of runs, and of particles in them. If there are more runs than `runs` has room
-    for, the written ones are invalid.
+    box: x and y of its centre, and its half widths. With `mutual`, runs of particles whose own support may overlap the
+    box are included. turns (n, 2) is written, too: how many box lengths each run is away, if it is a periodic image.
+
+    Returns the number of runs, and the number of particles in them. If there are more than n runs, the contents of
+    `runs` and `turns` are invalid.
     """
     grids, start, low, width = cells.grids, cells.start, cells.low, cells.width
-    count, held = 0, 0
+    count, particles = 0, 0
     for level in range(len(grids)):
         first, nx, ny = int(grids[level, FIRST]), int(grids[level, NX]), int(grids[level, NY])
         from_x, from_y = int(grids[level, FROM_X]), int(grids[level, FROM_Y])
@@ -87,64 +99,71 @@ def find_runs(box, reach, mutual, cells, runs, turns):
                     to = min(count, len(runs) - 1)
                     runs[to, 0], runs[to, 1] = start[column + y0], start[column + y1 + 1]
                     turns[to, 0], turns[to, 1] = tx, ty
-                    held += runs[to, 1] - runs[to, 0]
+                    particles += runs[to, 1] - runs[to, 0]
                     count += runs[to, 1] > runs[to, 0]
-    return count, held
+    return count, particles
 
 
 @inline_jit
-def per_slab(half_x, reach):
-    """Return the slabs per unit length of a cell of half width `half_x`; all SLABS span the cell and its `reach`."""
+def slabs_per_length(half_x, reach):
+    """Return the number of slabs per unit length of x, for a cell of half width `half_x`.
+
+    SLABS slabs span the cell and its `reach` on both sides; 0 if this length is 0.
+    """
     width = half_x + reach
     return 0.5 * SLABS / width if width > 0.0 else 0.0
 
 
 @inline_jit
 def slab_of(dx, per_length):
-    """Return the slab at dx from the middle of a cell along x; the first and the last slab hold all that is beyond."""
-    at = dx * per_length + 0.5 * SLABS
-    at = at if at > 0.0 else 0.0  # also for NaN
-    return np.int32(at if at < SLABS - 1.0 else SLABS - 1.0)
+    """Return the slab of a particle at a distance dx along x from the middle of a cell.
+
+    per_length: slabs per unit length. Particles beyond the first or the last slab belong to that slab.
+    """
+    position = dx * per_length + 0.5 * SLABS
+    position = position if position > 0.0 else 0.0  # also for NaN
+    return np.int32(position if position < SLABS - 1.0 else SLABS - 1.0)
 
 
 @inline_jit
-def scan(runs, turns, count, crossing, box, reach, mutual, cells, block, slots, some):
-    """Find the particles of `count` runs within `reach` of the box, with `mutual` also those whose support overlaps it.
+def find_in_runs(runs, turns, count, crossing, box, reach, mutual, cells, block, indices, scratch):
+    """Write the candidates among the particles of the first `count` runs to `indices`, and return their number.
 
-    Writes these to `slots`, and to `some` the slab of each and, if `crossing`, its run; returns their number. `block`
-    is overwritten.
+    Candidates are the particles within `reach` of the box and, with `mutual`, those whose own support overlaps it.
+    runs, turns, box: as in `find_runs`. Also written: the slab of each candidate to `scratch.slabs` and, if `crossing`
+    (any run is a periodic image), its run to `scratch.runs`. block: overwritten.
     """
     x, y, radius = cells.x, cells.y, cells.radius
     ox, oy, half_x, half_y = box[0], box[1], box[2], box[3]
-    per_length, found = per_slab(half_x, reach), np.int64(0)
+    per_length, found = slabs_per_length(half_x, reach), np.int64(0)
     for run in range(count):
         sx, sy = turns[run, 0] * cells.width[0] - ox, turns[run, 1] * cells.width[1] - oy
         before = found
-        # Two loops over a block: the first is vectorised, and the second has no branch, which would be mispredicted
-        # half of the time. Indices are unsigned: numba wraps negative ones, which prevents vectorisation.
+        # Two loops over a block: the first is vectorised. The second has no branch, which would be mispredicted half of
+        # the time. Indices are unsigned, as tests for negative ones would prevent vectorisation.
         for first in range(runs[run, 0], runs[run, 1], BLOCK):
             begin, many = index(first), index(min(runs[run, 1] - first, BLOCK))
-            for k in range(index(whole(many))):  # beyond the end: ignored below
+            for k in range(index(padded_count(many))):  # entries beyond `many` are not used
                 i = begin + k
                 from_x = x[i] + sx
                 dx, dy = max(abs(from_x) - half_x, 0.0), max(abs(y[i] + sy) - half_y, 0.0)
                 far = max(reach, radius[i]) if mutual else reach
-                block.keep[k] = dx * dx + dy * dy - far * far
+                block.excess[k] = dx * dx + dy * dy - far * far
                 block.slab[k] = slab_of(from_x, per_length)
             at = index(found)
             for k in range(many):
-                slots[at], some.slabs[at] = begin + k, block.slab[k]
-                at += index(block.keep[k] <= 0.0)
+                indices[at], scratch.slabs[at] = begin + k, block.slab[k]
+                at += index(block.excess[k] <= 0.0)
             found = np.int64(at)
         if crossing:
             for k in range(before, found):
-                some.runs[k] = run
+                scratch.runs[k] = run
     return found
 
 
 @inline_jit
-def crosses(turns, count):
-    """Return whether any of `count` runs is a periodic image."""
+def any_image(turns, count):
+    """Return whether any of the first `count` runs is a periodic image, by `turns` (runs, 2)."""
     found = False
     for run in range(count):
         found |= turns[run, 0] != 0 or turns[run, 1] != 0
@@ -152,26 +171,27 @@ def crosses(turns, count):
 
 
 @inline_jit
-def longest(found, slots, radius):
-    """Return the largest support radius of the first `found` of `slots`, as four independent maxima: a single one
-    would wait for each comparison.
+def max_radius(found, indices, radius):
+    """Return the largest entry of `radius` for the first `found` entries of `indices`; the next three are overwritten.
+
+    There are four independent maxima, as each comparison of a single one would wait for the one before.
     """
     for beyond in range(found, found + 3):
-        slots[beyond] = slots[0]
+        indices[beyond] = indices[0]
     a = b = c = d = 0.0
     for quarter in range(index((found + 3) >> 2)):
         k = quarter << TWO
-        a, b = max(a, radius[slots[k]]), max(b, radius[slots[k + ONE]])
-        c, d = max(c, radius[slots[k + TWO]]), max(d, radius[slots[k + THREE]])
+        a, b = max(a, radius[indices[k]]), max(b, radius[indices[k + ONE]])
+        c, d = max(c, radius[indices[k + TWO]]), max(d, radius[indices[k + THREE]])
     return max(max(a, b), max(c, d))
 
 
 @inline_jit
 def count_slabs(found, slab, begin):
-    """Write the start of slab k of `found` candidates to begin[k + 1], of begin (SLABS + 2,).
+    """Write to begin[k + 1], of `begin` (SLABS + 2,), where slab k starts in a list of `found` candidates.
 
-    `list_some` advances begin[k + 1] with each candidate that it places in slab k, so that in the end begin[k] is the
-    start of slab k.
+    slab (found,): slab of each candidate. `list_until_full` increases begin[k + 1] by 1 for each candidate that it
+    writes into slab k, so that in the end begin[k] is the start of slab k.
     """
     for k in range(SLABS + 2):
         begin[k] = 0
@@ -184,120 +204,124 @@ def count_slabs(found, slab, begin):
 
 
 @inline_jit
-def write_image_shift(turns, run, turned, to):
-    """Write the periodic shift of a candidate of a run, in box lengths."""
-    turned[0, to], turned[1, to] = turns[run, 0], turns[run, 1]
+def list_until_full(resume_at, first, last, filled, bounds, extent, mutual, in_slabs, cells, listed, work):
+    """Write the lists of the cells filled[resume_at:last] to `listed`, until an array of `listed` or `work` is full.
 
+    work: the scratch arrays (runs, turns, block, scratch) of `find_runs` and `find_in_runs`. For the other arguments
+    see `list_candidates`.
 
-@inline_jit
-def list_some(at, first, last, filled, bounds, extent, mutual, in_slabs, cells, listed, work):
-    """List candidates of the cells from `at` on, as far as the arrays have room.
-
-    Returns the first cell without room, or `last`, and the room that it needs: runs, particles in runs, candidates.
+    Returns the number of the first cell that was not listed, `last` if there is none, and the lengths that this cell
+    needs: of `runs`, of the arrays in `scratch`, and of the arrays in `listed`.
     """
-    runs, turns, block, some = work
-    for c in range(at, last):
+    runs, turns, block, scratch = work
+    shift = listed.image_shift
+    for c in range(resume_at, last):
         cell, begin = filled[c], listed.begin[c - first]
         box = bounds[cell, 0], bounds[cell, 1], bounds[cell, 2], bounds[cell, 3]
         reach = extent * bounds[cell, 4]
         # All runs are found before their particles are read, so that no loop waits for its length.
-        count, held = find_runs(box, reach, mutual, cells, runs, turns)
-        if count > len(runs) or held + 3 > len(some.slots) or begin + held > len(listed.slots):
-            return c, count, held, begin + held
-        crossing = crosses(turns, count)
-        listed.crossing[c - first] = crossing
-        slots = some.slots if in_slabs else listed.slots[begin:]
-        found = scan(runs, turns, count, crossing, box, reach, mutual, cells, block, slots, some)
+        count, particles = find_runs(box, reach, mutual, cells, runs, turns)
+        if count > len(runs) or particles + 3 > len(scratch.indices) or begin + particles > len(listed.indices):
+            return c, count, particles + 3, begin + particles
+        crossing = any_image(turns, count)
+        listed.has_images[c - first] = crossing
+        indices = scratch.indices if in_slabs else listed.indices[begin:]
+        found = find_in_runs(runs, turns, count, crossing, box, reach, mutual, cells, block, indices, scratch)
         listed.begin[c - first + 1] = begin + found
         if in_slabs:
-            listed.widest[c - first] = longest(found, slots, cells.radius)
-            slabs = listed.slabs[c - first]
-            count_slabs(found, some.slabs, slabs)
+            listed.largest_radius[c - first] = max_radius(found, indices, cells.radius)
+            slabs = listed.slab_starts[c - first]
+            count_slabs(found, scratch.slabs, slabs)
             for k in range(index(found)):
-                slab, to = index(some.slabs[k]) + ONE, index(begin)
+                slab, to = index(scratch.slabs[k]) + ONE, index(begin)
                 to += index(slabs[slab])
                 slabs[slab] += ONE_MORE
-                listed.slots[to] = slots[k]
+                listed.indices[to] = indices[k]
                 if crossing:
-                    write_image_shift(turns, some.runs[k], listed.turned, to)
+                    shift[0, to], shift[1, to] = turns[scratch.runs[k], 0], turns[scratch.runs[k], 1]
         elif crossing:
             for k in range(found):
-                write_image_shift(turns, some.runs[k], listed.turned, index(begin + k))
+                to = index(begin + k)
+                shift[0, to], shift[1, to] = turns[scratch.runs[k], 0], turns[scratch.runs[k], 1]
     return last, 0, 0, 0
 
 
 @jit_alloc
 def list_candidates(first, last, filled, bounds, extent, mutual, in_slabs, cells):
-    """Return the candidates, among the particles of `cells`, of other cells `filled` with `bounds` (cells, 5).
+    """Return the candidates of the cells filled[first:last] among the particles of `cells`, a `Candidates`.
 
-    The reach of a cell is `extent` times its largest support radius; with `mutual`, particles whose own support
-    overlaps the cell are candidates too. `in_slabs` sorts the lists for sums over windows.
+    filled, bounds (all cells, 5): the listed cells, as in `Cells`; they may be the cells of another species. The reach
+    of a listed cell is `extent` times its largest support radius. With `mutual`, particles whose own support overlaps
+    the cell are candidates too. in_slabs: whether lists are sorted into slabs.
     """
-    begin, crossing = np.zeros(last - first + 1, np.int64), np.zeros(last - first, np.bool_)
-    windowed = last - first if in_slabs else 0
-    slabs, widest = np.empty((windowed, SLABS + 2), np.int32), np.empty(windowed)
-    room, images = 1024 + USUAL * (last - first), 1 if cells.periodic else 0
-    listed = Candidates(
-        begin, np.empty(room, np.uint32), crossing, np.empty((2, images * room), np.int32), slabs, widest
-    )
+    begin, has_images = np.zeros(last - first + 1, np.int64), np.zeros(last - first, np.bool_)
+    sorted_cells = last - first if in_slabs else 0
+    slab_starts, largest_radius = np.empty((sorted_cells, SLABS + 2), np.int32), np.empty(sorted_cells)
+    length, images = 1024 + INITIAL_PER_CELL * (last - first), 1 if cells.periodic else 0
+    indices, shift = np.empty(length, np.uint32), np.empty((2, images * length), np.int32)
+    listed = Candidates(begin, indices, has_images, shift, slab_starts, largest_radius)
     runs, turns = np.empty((64, 2), np.int64), np.empty((64, 2), np.int64)
-    block = Block(np.empty(BLOCK), np.empty(BLOCK, np.int32))
-    some = CellCandidates(np.empty(1024, np.uint32), np.empty(1024, np.int32), np.empty(1024, np.int32))
-    at = first
-    while at < last:
-        at, count, held, room = list_some(
-            at, first, last, filled, bounds, extent, mutual, in_slabs, cells, listed, (runs, turns, block, some)
+    block = BlockScratch(np.empty(BLOCK), np.empty(BLOCK, np.int32))
+    scratch = CellScratch(np.empty(1024, np.uint32), np.empty(1024, np.int32), np.empty(1024, np.int32))
+    done = first
+    while done < last:
+        done, count, held, length = list_until_full(
+            done, first, last, filled, bounds, extent, mutual, in_slabs, cells, listed, (runs, turns, block, scratch)
         )
         if count > len(runs):
             runs, turns = np.empty((2 * count, 2), np.int64), np.empty((2 * count, 2), np.int64)
-        if held + 3 > len(some.slots):
-            some = CellCandidates(
-                np.empty(2 * held + 3, np.uint32), np.empty(2 * held + 3, np.int32), np.empty(2 * held + 3, np.int32)
-            )
-        if room > len(listed.slots):
-            slots, turned = np.empty(2 * room, np.uint32), np.empty((2, 2 * images * room), np.int32)
-            # Element by element: an assignment of slices compiles numba's formatted errors too, for seconds.
-            for k in range(len(listed.slots)):
-                slots[k] = listed.slots[k]
-            for k in range(listed.turned.shape[1]):
-                turned[0, k], turned[1, k] = listed.turned[0, k], listed.turned[1, k]
-            listed = Candidates(begin, slots, crossing, turned, slabs, widest)
+        if held > len(scratch.indices):
+            held *= 2
+            scratch = CellScratch(np.empty(held, np.uint32), np.empty(held, np.int32), np.empty(held, np.int32))
+        if length > len(listed.indices):
+            indices, shift = np.empty(2 * length, np.uint32), np.empty((2, 2 * images * length), np.int32)
+            # By loops: an assignment to a slice would also compile numba's error messages, for seconds.
+            for k in range(len(listed.indices)):
+                indices[k] = listed.indices[k]
+            for k in range(listed.image_shift.shape[1]):
+                shift[0, k], shift[1, k] = listed.image_shift[0, k], listed.image_shift[1, k]
+            listed = Candidates(begin, indices, has_images, shift, slab_starts, largest_radius)
     return listed
 
 
 @njit(nogil=True, inline="always")
-def most_of(begin):
-    """Return the largest number of candidates of a cell, rounded up to whole vectors."""
+def max_candidates(begin):
+    """Return the length of the longest of the lists that `begin` (lists + 1,) delimits, rounded up to whole vectors."""
     most = 0
     for c in range(len(begin) - 1):
         most = max(most, begin[c + 1] - begin[c])
-    return whole(most)
+    return padded_count(most)
 
 
 @inline_sums
-def window(n, dx, reach, per_length, begin, end, listed):
-    """Find the candidates of the n-th cell, from `begin` to `end`, that may be within `reach` of dx from its middle
-    along x. Returns the first, counted from `begin`, and their number, rounded up to whole vectors.
+def find_window(n, dx, reach, per_length, begin, end, listed):
+    """Return the window of a particle, at a distance dx along x from the middle of the n-th cell.
+
+    The window contains all candidates from `begin` to `end` in `listed.indices` that may be within `reach` along x. It
+    is returned as its first candidate, counted from `begin`, and its length, rounded up to whole vectors.
     """
-    slabs, start = listed.slabs, listed.begin[n]
+    slabs, start = listed.slab_starts, listed.begin[n]
     first = start + slabs[n, slab_of(dx - reach, per_length)] - begin
     last = start + slabs[n, slab_of(dx + reach, per_length) + 1] - begin
     first, last = min(max(first, 0), end - begin), min(max(last, 0), end - begin)
     first &= -ALIGNED
-    return first, whole(last - first)
+    return first, padded_count(last - first)
 
 
 @inline_sums
 def pack_positions(c, begin, end, listed, ox, oy, per_length, cells, cx, cy):
-    """Write the positions of the candidates `begin` to `end` of the c-th cell, from (ox, oy) and times `per_length`."""
-    x, y, slots, turned = cells.x, cells.y, listed.slots, listed.turned
+    """Write the positions of the candidates `begin` to `end`, which are in the list of the c-th cell, to `cx` and `cy`.
+
+    Positions are relative to (ox, oy), and multiplied by `per_length`.
+    """
+    x, y, indices, shift = cells.x, cells.y, listed.indices, listed.image_shift
     first, count = index(begin), index(end - begin)
-    if listed.crossing[c]:
+    if listed.has_images[c]:
         for k in range(count):
-            slot = slots[first + k]
-            sx, sy = turned[0, first + k] * cells.width[0] - ox, turned[1, first + k] * cells.width[1] - oy
-            cx[k], cy[k] = (x[slot] + sx) * per_length, (y[slot] + sy) * per_length
+            i = indices[first + k]
+            sx, sy = shift[0, first + k] * cells.width[0] - ox, shift[1, first + k] * cells.width[1] - oy
+            cx[k], cy[k] = (x[i] + sx) * per_length, (y[i] + sy) * per_length
     else:
         for k in range(count):
-            slot = slots[first + k]
-            cx[k], cy[k] = (x[slot] - ox) * per_length, (y[slot] - oy) * per_length
+            i = indices[first + k]
+            cx[k], cy[k] = (x[i] - ox) * per_length, (y[i] - oy) * per_length

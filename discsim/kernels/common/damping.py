@@ -1,12 +1,13 @@
-"""Relaxation of velocities to a local equilibrium: dv/dt = -(v - v*(r)) R(r), so v - v* falls by exp(-R dt) over dt.
+"""Relaxation of velocities to a local equilibrium v*: dv/dt = -(v - v*(r)) R(r), so v - v* falls by exp(-R dt) over dt.
 
-R is a sum over zones. Each contributes its full rate times x^2, with x rising from 0 at the near end of the zone to 1
-at its far end and beyond (de Val-Borro et al. 2006, sec. 3.2). v* has a radial and an azimuthal part, tabulated in
-units of v_K of the star. If velocities are ahead of the positions by s, a particle on a circle of frequency Omega has
-turned by asin(Omega s) in a leapfrog; v* is rotated by this angle.
+R is a sum over damping zones. Each zone adds its full rate times x^2, with x rising from 0 at the near end of the zone
+to 1 at its far end and beyond (de Val-Borro et al. 2006, sec. 3.2). v* has a radial and an azimuthal part, tabulated in
+units of the Keplerian speed v_K.
 
-If the drift contains the star's pull, or a share of it, velocities are ahead only by the kick of all other forces. On a
-circle of speed v these forces give (share v_K^2 - v^2) / r outwards; s times this is added to the radial part of v*.
+The velocities of a leapfrog may be those of a time s later than the positions. The velocity on a circular orbit of
+frequency Omega has then turned by asin(Omega s), and v* is rotated by this angle. If the drift contains a fraction f of
+the star's gravity, velocities are ahead only by the kick of all other forces. On a circular orbit of speed v these
+give the outward acceleration (f v_K^2 - v^2) / r; s times this acceleration is added to the radial part of v*.
 """
 
 import math
@@ -15,34 +16,37 @@ from typing import NamedTuple
 import numpy as np
 
 from discsim.jit.decorators import jit
-from discsim.kernels.common.totals import LIMBS, SOME, add, carry
+from discsim.kernels.common.totals import LIMBS, MAX_TERMS, add_number, carry
 
 
 class Zones(NamedTuple):
-    """Zones in which velocities relax, and the equilibrium velocities."""
+    """Damping zones, and the equilibrium velocities of each kind of particles: gas, or a dust population."""
 
     ends: np.ndarray  # (zones, 3): radius of the near end, radius of the far end, rate at the far end
-    first: float  # ln r of the first node of the table
+    first: float  # ln r of the first node of `table`
     nodes: float  # number of nodes per unit of ln r
-    table: np.ndarray  # (kinds, nodes, 2): radial and azimuthal velocity over v_K
-    star: float
+    table: np.ndarray  # (kinds, nodes, 2): radial and azimuthal part of v*, over v_K
+    star: float  # G M
     softening: float
-    in_drift: np.ndarray  # (kinds,): share of the star's pull that the drift contains
+    in_drift: np.ndarray  # (kinds,): fraction of the star's gravity that the drift contains
 
 
 @jit
 def relax(first, last, pos, vel, mass, species, kind, centre, zones, ahead, dt):
-    """Relax the particles `first` to `last` over dt; return the momentum x and y and the angular momentum that they
-    lose, as limbs (3, LIMBS) of exact sums (`kernels/common/totals.py`).
+    """Relax the velocities `vel` (n, 2) of the particles `first` to `last` over dt, in place.
 
-    kind: row of `zones.table`, to which `species` (n,) is added unless it is empty. centre: (x, y, v_x, v_y) of the
-    centre of the zones. ahead: time by which velocities are ahead of the positions.
+    kind: row of the gas in `zones.table`, or of the first dust population. species (n,): population of each particle,
+    which is added to `kind`; empty for gas. centre: (x, y, v_x, v_y) of the centre of the zones. ahead: the time s by
+    which velocities are ahead of positions.
+
+    Returns the x and y momentum and the angular momentum that the particles lose, as limbs (3, LIMBS) of exact sums
+    (`kernels/common/totals.py`).
     """
-    most = zones.table.shape[1] - 1
+    last_node = zones.table.shape[1] - 1
     limbs, terms = np.zeros((3, LIMBS), np.int64), np.empty(3)
     bits = terms.view(np.int64)
-    for block in range(first, last, SOME):
-        for i in range(block, min(block + SOME, last)):
+    for block in range(first, last, MAX_TERMS):
+        for i in range(block, min(block + MAX_TERMS, last)):
             x, y = pos[i, 0] - centre[0], pos[i, 1] - centre[1]
             r2 = x * x + y * y
             r = math.sqrt(r2)
@@ -57,9 +61,9 @@ def relax(first, last, pos, vel, mass, species, kind, centre, zones, ahead, dt):
             x /= r
             y /= r
             row = kind + (species[i] if len(species) > 0 else 0)
-            place = min(max((math.log(r) - zones.first) * zones.nodes, 0.0), float(most))
-            node = min(int(place), most - 1)
-            part = place - node
+            position = min(max((math.log(r) - zones.first) * zones.nodes, 0.0), float(last_node))
+            node = min(int(position), last_node - 1)
+            part = position - node
             kepler = math.sqrt(zones.star * r2 / (r2 + zones.softening * zones.softening) ** 1.5)
             radial = kepler * ((1.0 - part) * zones.table[row, node, 0] + part * zones.table[row, node + 1, 0])
             azimuthal = kepler * ((1.0 - part) * zones.table[row, node, 1] + part * zones.table[row, node + 1, 1])
@@ -68,18 +72,18 @@ def relax(first, last, pos, vel, mass, species, kind, centre, zones, ahead, dt):
             else:
                 sine = min(1.0, max(-1.0, azimuthal / r * ahead))
                 cosine = math.sqrt(1.0 - sine * sine)
-                # The radial drift changes r during `ahead`; the circular speed falls by half the relative change of r.
+                # The radial velocity changes r during `ahead`. If r grows by a fraction, the speed falls by half of it.
                 around = azimuthal - 0.5 * sine * radial
                 v, w = radial * cosine - around * sine, around * cosine + radial * sine
-            gone = -math.expm1(-rate * dt)
+            lost = -math.expm1(-rate * dt)  # fraction of v - v* that is lost
             vx, vy = vel[i, 0] - centre[2], vel[i, 1] - centre[3]
-            dx, dy = gone * (vx - (v * x - w * y)), gone * (vy - (v * y + w * x))
+            dx, dy = lost * (vx - (v * x - w * y)), lost * (vy - (v * y + w * x))
             vel[i, 0] -= dx
             vel[i, 1] -= dy
             terms[0], terms[1] = mass[i] * dx, mass[i] * dy
             terms[2] = mass[i] * (pos[i, 0] * dy - pos[i, 1] * dx)
             for k in range(3):
-                add(bits[k], limbs[k])
+                add_number(bits[k], limbs[k])
         for k in range(3):
             carry(limbs[k])
     return limbs

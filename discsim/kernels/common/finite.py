@@ -1,14 +1,17 @@
-"""Test for entries that are not finite. For `discsim.numerics.threads.parallel_for_ranges`."""
+"""Test for NaN and infinity in arrays."""
 
 import numpy as np
 
-from discsim.jit.decorators import NO_ALLOC, kept
+from discsim.jit.decorators import NO_ALLOC, cached_njit
 from discsim.jit.index import index
 
 
-@kept(**NO_ALLOC, fastmath={"reassoc", "nsz"})  # sums in any order are vectorised; NaN must survive
+@cached_njit(**NO_ALLOC, fastmath={"reassoc", "nsz"})  # a sum in any order is vectorised; NaN must be kept
 def are_finite(begin, end, values):
-    """Return whether all entries of rows (n, d) are finite, by their sum; False also if the sum overflows."""
+    """Return whether the rows `begin` to `end` of `values` (n, d) have only finite entries.
+
+    The test is whether their sum is finite; it is also False if the sum of finite entries overflows.
+    """
     total, flat, width = 0.0, values.reshape(-1), values.shape[1]
     for i in range(index(begin * width), index(end * width)):
         total += flat[i]

@@ -1,46 +1,61 @@
 """Particles on a uniform grid: sort keys, cloud-in-cell deposit and gather (Hockney & Eastwood 1988, ch. 5).
 
-The order of every sum is independent of the number of threads. `origin` is the lower corner of the grid, `inverse` one
-over the side of a cell; node i is at origin + (i + 1/2) cell. Kernels from `begin` to `end` are for
-`discsim.numerics.threads.parallel_for`.
+`origin` is the lower corner of the grid, `inverse` is one over the side of a cell, and `shape` (nx, ny) is the number
+of cells. Node i is the middle of cell i, at origin + (i + 1/2) cell along each axis. `periodic` tells whether the grid
+wraps. The first node of a particle is the lower of the two adjacent nodes along each axis.
 
-A field may cover part of a grid: `part` is (nx, ny, x, y), the shape of the whole grid and the first node of the field.
-The field has all nodes about the particles. An axis of the field with all nodes of the grid wraps in periodic space.
+A field may cover only part of the grid, but must have all nodes next to the particles. `part` is then (nx, ny, x, y):
+the shape of the whole grid, and the index of the field's first node along x and y. In periodic space, a field wraps
+along an axis on which it has all nodes of the grid.
+
+The order of every sum is independent of the number of threads. Kernels process the particles `begin` to `end`, for
+`discsim.numerics.threads.parallel_for`, if not said otherwise.
 """
 
 import numpy as np
 
-from discsim.jit.decorators import INLINE, inline_jit, jit, jit_subroutine, kept
+from discsim.jit.decorators import INLINE, cached_njit, inline_jit, jit, jit_subroutine
 from discsim.jit.index import index
 from discsim.kernels.common.simd import LINE, extract, load, prefetch
-from discsim.kernels.common.zcurve import place_of
+from discsim.kernels.common.zcurve import z_index
 from discsim.kernels.mpi.batches import BATCH as ROWS
 
 ONE, TWO = index(1), index(2)
-STRIPS = 64  # strips of rows in a deposit; fixed, whatever the number of threads
+STRIPS = 64  # largest number of strips of rows in a deposit; it does not depend on the number of threads
 BATCH = 128  # particles whose nodes are computed together, by vectorised code
-CHUNK = 4096  # particles per entry of the results of `pull`
-BAND = 32  # rows of nodes per entry of the range of particles along y, in `extents`
-TILE = 6  # particles are sorted by tiles that are 2^TILE cells wide
+CHUNK = 4096  # particles per chunk in `subtract_interpolated`
+BAND = 32  # rows of nodes per band in `node_ranges`
+TILE = 6  # tiles of the sort keys are 2^TILE cells wide
+
+
+@jit_subroutine
+def _wrapped(s, count):
+    """Return the coordinate s, in cells, wrapped to [0, count)."""
+    if not 0.0 <= s < count:
+        s -= count * np.floor(s / count)
+        if s == count:  # a tiny negative s rounds up to the far edge
+            s = 0.0
+    return s
 
 
 @jit
 def cell_of(x, origin, inverse, count, periodic):
-    """Return the index of the cell that holds x; -1 outside an open axis, or if x is not finite."""
+    """Return the index of the cell that contains x, along an axis of `count` cells.
+
+    It is -1 if x is not finite, or beyond the ends of an open axis.
+    """
     s = (x - origin) * inverse
-    if periodic and not 0.0 <= s < count:
-        s -= count * np.floor(s / count)
-        if s == count:  # a tiny negative s rounds up to the far edge
-            s = 0.0
+    if periodic:
+        s = _wrapped(s, count)
     return int(s) if 0.0 <= s < count else -1
 
 
 @jit
-def places_of(begin, end, pos, origin, inverse, shape, periodic, out):
-    """Write the sort key (n,) of the cell that holds each particle: by rows of tiles, and along a Z-curve in a tile.
+def sort_keys(begin, end, pos, origin, inverse, shape, periodic, out):
+    """Write to `out` (n,) the sort key of each particle, so that particles near in space become near in memory.
 
-    Particles sorted by these keys are near in memory if they are near in space. Off the grid the key is one more than
-    the last one.
+    The key numbers the cells by rows of square tiles, and within a tile along a Z-curve. The key of particles off the
+    grid is one more than the largest of the grid.
     """
     plane = pos.shape[1] == 2
     bits = TILE if plane else 0
@@ -48,24 +63,18 @@ def places_of(begin, end, pos, origin, inverse, shape, periodic, out):
     for i in range(begin, end):
         ix = cell_of(pos[i, 0], origin[0], inverse, shape[0], periodic)
         iy = cell_of(pos[i, 1], origin[1], inverse, shape[1], periodic) if plane else 0
-        place = (ix >> bits) * along_y + (iy >> bits) << 2 * bits
+        key = (ix >> bits) * along_y + (iy >> bits) << 2 * bits
         if plane:
-            place |= place_of(ix & (1 << TILE) - 1, iy & (1 << TILE) - 1)
-        out[i] = place if ix >= 0 and iy >= 0 else along_x * along_y << 2 * bits
-
-
-@jit_subroutine
-def _wrapped(s, count):
-    if not 0.0 <= s < count:
-        s -= count * np.floor(s / count)
-        if s == count:
-            s = 0.0
-    return s
+            key |= z_index(ix & (1 << TILE) - 1, iy & (1 << TILE) - 1)
+        out[i] = key if ix >= 0 and iy >= 0 else along_x * along_y << 2 * bits
 
 
 @jit_subroutine
 def stencil(x, origin, inverse, count, periodic):
-    """Return the two nodes about x and the weight of the second; (-1, -1, 0) if any of the two is off the grid."""
+    """Return the indices of the two nodes next to x along an axis of `count` nodes, and the weight of the second.
+
+    The result is (-1, -1, 0) if either node is off the grid.
+    """
     s = (x - origin) * inverse - 0.5
     if periodic:
         s = _wrapped(s, count)
@@ -77,15 +86,18 @@ def stencil(x, origin, inverse, count, periodic):
 
 @jit_subroutine
 def _stencil_y(pos, p, origin, inverse, count, periodic):
-    # In one dimension there is one row of nodes along y, with the whole weight.
+    """Return `stencil` of particle p along y. In 1D there is a single row of nodes, with weight 1."""
     if pos.shape[1] == 1:
         return 0, 0, 0.0
     return stencil(pos[p, 1], origin[1], inverse, count, periodic)
 
 
 @jit
-def strip_of(begin, end, pos, origin, inverse, shape, periodic, shift, key):
-    """Write the strip (n,) of 2^shift rows that holds the first node of each particle; STRIPS off the grid."""
+def strip_keys(begin, end, pos, origin, inverse, shape, periodic, shift, key):
+    """Write to `key` (n,) the strip of rows that contains the first node of each particle; STRIPS off the grid.
+
+    A strip has 2^shift rows of the grid.
+    """
     if pos.shape[1] == 2 and not periodic:
         flat, ox, oy = pos.reshape(-1), origin[0], origin[1]  # a flat array and unsigned indices: vectorised
         for p in range(index(begin), index(end)):
@@ -100,11 +112,12 @@ def strip_of(begin, end, pos, origin, inverse, shape, periodic, shift, key):
 
 
 @jit
-def runs_of(key, first, last):
-    """Return ((begin, end), strip) of the runs of consecutive particles in one strip, (runs,) each.
+def strip_runs(key, first, last):
+    """Return ((begin, end), strip), arrays (runs,) with the runs of consecutive particles in one strip.
 
-    Runs are those of the rows from `first` up to `last` (pieces,), piece by piece; no piece is empty. Particles near in
-    space are near in memory, so that sorting a few runs replaces sorting all particles.
+    key (n,): strip of each particle, by `strip_keys`. first, last (pieces,): the runs are those of the particles from
+    first[i] to last[i], for each piece i; no piece is empty. Particles near in space are near in memory, so runs are
+    few, and sorting the runs replaces sorting the particles.
     """
     count = len(first)
     for piece in range(len(first)):
@@ -125,15 +138,19 @@ def runs_of(key, first, last):
 
 
 @inline_jit
-def _share_out(flat, dim, value, p, number, filled, place, shares, origin, inverse, scale, grid, corner):
-    # Write the contributions of `number` particles, from the pth on, to their four nodes, and the index of the first
-    # node in the rows of a strip that begins at node `corner`, after the `filled` entries of the batch.
+def _spread_batch(flat, dim, value, p, number, filled, place, shares, origin, inverse, scale, grid, corner):
+    """Write the contributions of `number` particles, from the p-th on, to a batch, after its first `filled` entries.
+
+    place: index of the first node of each particle in the rows of a strip, which begin at the node `corner`. shares:
+    contributions to the four nodes. The contribution of a particle is value * scale. grid: (nx, ny, periodic, length),
+    with the length of the strip's rows.
+    """
     (nx, ny, periodic, length), ox, oy = grid, origin[0], origin[1]
     where = np.int32(corner[0]), np.int32(corner[1]), np.int32(length)
     if dim == TWO and not periodic:  # this loop is vectorised
         for j in range(index(number)):
             x, y = (flat[TWO * (p + j)] - ox) * inverse - 0.5, (flat[TWO * (p + j) + ONE] - oy) * inverse - 0.5
-            _share(filled + j, x, y, value[p + j] * scale, where, place, shares)
+            _spread_particle(filled + j, x, y, value[p + j] * scale, where, place, shares)
         return
     for j in range(index(number)):
         x, y = (flat[dim * (p + j)] - ox) * inverse - 0.5, 0.0
@@ -141,11 +158,15 @@ def _share_out(flat, dim, value, p, number, filled, place, shares, origin, inver
             y = (flat[TWO * (p + j) + ONE] - oy) * inverse - 0.5
         if periodic:
             x, y = _wrapped(x, nx), _wrapped(y, ny)
-        _share(filled + j, x, y, value[p + j] * scale, where, place, shares)
+        _spread_particle(filled + j, x, y, value[p + j] * scale, where, place, shares)
 
 
 @inline_jit
-def _share(j, x, y, v, where, place, shares):
+def _spread_particle(j, x, y, v, where, place, shares):
+    """Write entry j of a batch: a particle at (x, y), in cells from the first node of the grid, that contributes v.
+
+    where: first node along x and along y of the strip, and the length of its rows.
+    """
     (s00, s01, s10, s11), (first, first_y, width) = shares, where
     ix, iy = np.int32(x), np.int32(y)
     place[j] = (ix - first) * width + (iy - first_y)
@@ -156,7 +177,8 @@ def _share(j, x, y, v, where, place, shares):
 
 
 @inline_jit
-def _add_shares(number, place, shares, length, flat):
+def _add_batch(number, place, shares, length, flat):
+    """Add the first `number` entries of a batch to a strip, `flat`, whose rows have `length` nodes."""
     s00, s01, s10, s11 = shares
     for j in range(index(number)):
         low = index(place[j])
@@ -171,18 +193,19 @@ def _add_shares(number, place, shares, length, flat):
 def deposit_strips(
     begin, end, pos, value, scale, runs, order, start, origin, inverse, periodic, part, shift, out, beyond
 ):
-    """Add `scale` times `value` (n,) to the nodes of `out`, a `part`, by cloud in cell.
+    """Add `scale` times `value` (n,) of the particles to the field `out`, a `part` of the grid, by cloud in cell.
 
-    `order` and `start` sort the `runs` of particles, (begin, end) of (runs,) each, by strip. A strip adds to its own
-    rows, and separately to the row after these: `beyond` (strips, columns), 0 on input, for `join_strips`.
+    The strips `begin` to `end` are processed. runs: (begin, end) of each run, as in `strip_runs`. The runs of strip s
+    are order[start[s]:start[s + 1]]. A strip of 2^shift rows adds to its own rows of `out`. What it contributes to the
+    next row is written to `beyond` (strips, columns), which is 0 before, for `join_strips`.
     """
     nx, ny, first_x, first_y = part
     (held, wide), (run_begin, run_end) = out.shape, runs
     rows, length = 1 << shift, index(wide + 1)
     sums = np.empty((rows + 1, wide + 1))  # the extra column is the first one in periodic space
     flat, grid = sums.reshape(-1), (nx, ny, periodic, length)
-    # Separate arrays, as rows of one array would be compiled as strided. `pos` is flattened once and not per batch, as
-    # this takes as long as the work on several particles (2026-11).
+    # Separate arrays, as rows of one array would be compiled as strided. `pos` is flattened once and not for each
+    # batch, as this takes as long as the work on several particles.
     at, dim = pos.reshape(-1), index(pos.shape[1])
     place, shares = np.empty(BATCH, np.int32), (np.empty(BATCH), np.empty(BATCH), np.empty(BATCH), np.empty(BATCH))
     for s in range(begin, end):
@@ -195,12 +218,12 @@ def deposit_strips(
             while p < last:
                 number = min(last - p, BATCH - filled)
                 behind = index(p), number, index(filled)
-                _share_out(at, dim, value, *behind, place, shares, origin, inverse, scale, grid, (first, first_y))
+                _spread_batch(at, dim, value, *behind, place, shares, origin, inverse, scale, grid, (first, first_y))
                 p, filled = p + number, filled + number
                 if filled == BATCH:
-                    _add_shares(filled, place, shares, length, flat)
+                    _add_batch(filled, place, shares, length, flat)
                     filled = 0
-        _add_shares(filled, place, shares, length, flat)
+        _add_batch(filled, place, shares, length, flat)
         own = max(0, min(rows, nx - first))
         for r in range(own + 1):
             sums[r, 0] += sums[r, wide]
@@ -214,7 +237,7 @@ def deposit_strips(
 
 @jit
 def join_strips(shift, part, beyond, out):
-    """Add the row after each strip, `beyond` (strips, columns), to the next strip, in a fixed order."""
+    """Add the results `beyond` (strips, columns) of `deposit_strips` to the field `out`, strip by strip."""
     nx = part[0]
     for s in range(len(beyond)):
         row = min((s + 1) << shift, nx) % nx - part[2]
@@ -223,42 +246,41 @@ def join_strips(shift, part, beyond, out):
                 out[row, j] += beyond[s, j]
 
 
-@jit_subroutine
-def _weighted(field, c, ix, jx, iy, jy, w00, w01, w10, w11):
-    low = w00 * field[ix, iy, c] + w01 * field[ix, jy, c]
-    return low + w10 * field[jx, iy, c] + w11 * field[jx, jy, c]
-
-
 @jit
 def gather(begin, end, field, pos, origin, inverse, periodic, part, out):
-    """Gather the field (a `part`, c <= 2) at the particles into out (n, c) with the weights of the deposit; 0 off the
-    grid.
+    """Write to `out` (n, c) the field at each particle, with the weights of the deposit; 0 off the grid.
+
+    field (x, y, c): a `part` of the grid.
     """
     nx, ny, first_x, first_y = part
     for p in range(begin, end):
         ix, jx, wx = stencil(pos[p, 0], origin[0], inverse, nx, periodic)
         iy, jy, wy = _stencil_y(pos, p, origin, inverse, ny, periodic)
         w00, w01, w10, w11 = (1.0 - wx) * (1.0 - wy), (1.0 - wx) * wy, wx * (1.0 - wy), wx * wy
+        inside = ix >= 0 and iy >= 0
+        ix, jx, iy, jy = ix - first_x, jx - first_x, iy - first_y, jy - first_y
         for c in range(out.shape[1]):
             out[p, c] = 0.0
-        if ix >= 0 and iy >= 0:
-            ix, jx, iy, jy = ix - first_x, jx - first_x, iy - first_y, jy - first_y
-            out[p, 0] = _weighted(field, 0, ix, jx, iy, jy, w00, w01, w10, w11)
-            if out.shape[1] == 2:
-                out[p, 1] = _weighted(field, 1, ix, jx, iy, jy, w00, w01, w10, w11)
+            if inside:
+                low = w00 * field[ix, iy, c] + w01 * field[ix, jy, c]
+                out[p, c] = low + w10 * field[jx, iy, c] + w11 * field[jx, jy, c]
 
 
-@kept(**INLINE, fastmath={"contract"})
-def _between(flat, low, along_x, along_y, wx, wy):
+@cached_njit(**INLINE, fastmath={"contract"})
+def _interpolate(flat, low, along_x, along_y, wx, wy):
+    """Return the field, stored in `flat`, between four nodes, with the weights wx and wy of the upper nodes.
+
+    low: index of the lower node in `flat`; along_x, along_y: steps of the index to the next node along each axis.
+    """
     high = low + along_x
     first = flat[low] + wx * (flat[high] - flat[low])
     second = flat[low + along_y] + wx * (flat[high + along_y] - flat[low + along_y])
     return first + wy * (second - first)
 
 
-@kept(**INLINE, fastmath={"contract"})
-def _both_between(flat, low, along_x, wx, wy):
-    # Both components at once, where the next node along y is the next one in memory.
+@cached_njit(**INLINE, fastmath={"contract"})
+def _interpolate_both(flat, low, along_x, wx, wy):
+    """Return `_interpolate` of two components at once, where the next node along y is the next in memory."""
     left = load(flat, low)
     both = left + wx * (load(flat, low + along_x) - left)
     x, y = extract(both, 0), extract(both, 1)
@@ -266,8 +288,8 @@ def _both_between(flat, low, along_x, wx, wy):
 
 
 @inline_jit
-def _find(flat, dim, p, number, origin, inverse, nx, ny, periodic, xs, ys):
-    # Write the positions of `number` particles from the pth on, in cells from the first node. Simple loops: vectorised.
+def _write_grid_positions(flat, dim, p, number, origin, inverse, nx, ny, periodic, xs, ys):
+    """Write the positions of `number` particles, from the p-th on, to `xs` and `ys`, in cells from the first node."""
     ox, oy = origin[0], origin[1]
     if dim == TWO:
         for j in range(number):
@@ -282,10 +304,12 @@ def _find(flat, dim, p, number, origin, inverse, nx, ny, periodic, xs, ys):
 
 
 @jit
-def pull(chunk_from, chunk_to, field, pos, origin, inverse, periodic, part, acc, largest, missing):
-    """Subtract the field (a `part`, 2) at the particles from `acc` (n, d), in chunks of CHUNK particles.
+def subtract_interpolated(chunk_from, chunk_to, field, pos, origin, inverse, periodic, part, acc, largest, missing):
+    """Subtract the field at each particle from `acc` (n, d), in place, for the chunks `chunk_from` to `chunk_to`.
 
-    Writes the largest squared length that is subtracted, and the number of particles off the grid, (chunks,) each.
+    field (x, y, 2): a vector field on a `part` of the grid. A chunk has CHUNK particles. Written for each chunk:
+    `largest`, the largest squared length of the subtracted vectors, and `missing`, the number of particles off the
+    grid.
     """
     nx, ny, first_x, first_y = part
     wide, plane = field.shape[1], pos.shape[1] == 2
@@ -297,7 +321,7 @@ def pull(chunk_from, chunk_to, field, pos, origin, inverse, periodic, part, acc,
         end = index(min((chunk + 1) * CHUNK, len(pos)))
         for p in range(index(chunk * CHUNK), end, index(BATCH)):
             number = min(index(BATCH), end - p)
-            _find(places, dim, p, number, origin, inverse, nx, ny, periodic, xs, ys)
+            _write_grid_positions(places, dim, p, number, origin, inverse, nx, ny, periodic, xs, ys)
             for j in range(number):
                 inside = (xs[j] >= 0.0) & (xs[j] < end_x) & (ys[j] >= 0.0) & (ys[j] < end_y)
                 x, y = xs[j] if inside else -1.0, ys[j] if inside else 0.0
@@ -317,10 +341,10 @@ def pull(chunk_from, chunk_to, field, pos, origin, inverse, periodic, part, acc,
                 along_y = index(2 if iy + 1 < ny else -2 * iy)
                 q = dim * (p + j)
                 if iy + 1 < ny:
-                    x, y = _both_between(flat, low, along_x, xs[j], ys[j])
+                    x, y = _interpolate_both(flat, low, along_x, xs[j], ys[j])
                 else:
-                    x = _between(flat, low, along_x, along_y, xs[j], ys[j])
-                    y = _between(flat, low + ONE, along_x, along_y, xs[j], ys[j]) if plane else 0.0
+                    x = _interpolate(flat, low, along_x, along_y, xs[j], ys[j])
+                    y = _interpolate(flat, low + ONE, along_x, along_y, xs[j], ys[j]) if plane else 0.0
                 pulls[q] -= x
                 if plane:
                     pulls[q + ONE] -= y
@@ -329,8 +353,8 @@ def pull(chunk_from, chunk_to, field, pos, origin, inverse, periodic, part, acc,
 
 
 @jit
-def is_outside(begin, end, pos, origin, inverse, shape, periodic, outside):
-    """Write True (n,) for particles whose nodes are not all on the grid."""
+def mark_outside(begin, end, pos, origin, inverse, shape, periodic, outside):
+    """Write to `outside` (n,) whether any node next to a particle is off the grid."""
     for p in range(begin, end):
         x = stencil(pos[p, 0], origin[0], inverse, shape[0], periodic)[0]
         y = _stencil_y(pos, p, origin, inverse, shape[1], periodic)[0]
@@ -338,11 +362,13 @@ def is_outside(begin, end, pos, origin, inverse, shape, periodic, outside):
 
 
 @jit
-def extents(begin, end, pos, bounds, origin, inverse, shape, periodic):
-    """Return the ranges of first nodes about the particles of the batches `begin` to `end`, with `bounds` (batches, 4).
+def node_ranges(begin, end, pos, bounds, origin, inverse, shape, periodic):
+    """Return the ranges of the first nodes of all particles in the batches `begin` to `end`.
 
-    Returns the least and the largest along y in each BAND of rows (bands,), the least and the largest along x, and the
-    number of particles off the grid. In an empty range the least exceeds the largest.
+    bounds (batches, 4): smallest and largest x and y of the particles of a batch (`kernels/mpi/batches.py`).
+
+    Returns the smallest and the largest first node along y, for each band of BAND rows (bands,); the smallest and the
+    largest along x; and the number of particles off the grid. In an empty range the smallest exceeds the largest.
     """
     count = (shape[0] - 1) // BAND + 1
     least, most, low, high, off = np.full(count, shape[1]), np.full(count, -1), shape[0], -1, 0
@@ -354,10 +380,10 @@ def extents(begin, end, pos, bounds, origin, inverse, shape, periodic):
             if band == last:  # as for most batches
                 least[band], most[band] = min(least[band], y0), max(most[band], y1)
                 continue
-            known = True  # most other batches lie within the ranges so far
+            is_covered = True  # most other batches lie within the ranges so far
             for each in range(band, last + 1):
-                known &= least[each] <= y0 and y1 <= most[each]
-            if known:
+                is_covered &= least[each] <= y0 and y1 <= most[each]
+            if is_covered:
                 continue
         for p in range(batch * ROWS, min((batch + 1) * ROWS, len(pos))):
             if x0 >= 0:
@@ -377,21 +403,12 @@ def extents(begin, end, pos, bounds, origin, inverse, shape, periodic):
 
 @inline_jit
 def _nodes_between(bounds, dim, origin, inverse, shape):
-    """Return the least and largest first nodes along x and y within bounds; all -1 at an edge, or in one dimension."""
+    """Return the smallest and largest first node along x, and along y, of positions within `bounds` (4,).
+
+    All four are -1 if the bounds reach the edges of the grid, and in 1D.
+    """
     x0, x1 = (bounds[0] - origin[0]) * inverse - 0.5, (bounds[1] - origin[0]) * inverse - 0.5
     y0, y1 = (bounds[2] - origin[1]) * inverse - 0.5, (bounds[3] - origin[1]) * inverse - 0.5
     if dim == 1 or not (x0 >= 0.0 and x1 < shape[0] - 1 and y0 >= 0.0 and y1 < shape[1] - 1):
         return -1, -1, -1, -1
     return int(x0), int(x1), int(y0), int(y1)
-
-
-@jit
-def largest_norm(vectors):
-    """Return the largest length of the vectors (n, c); 0 if there are none."""
-    largest = 0.0
-    for p in range(len(vectors)):
-        square = 0.0
-        for c in range(vectors.shape[1]):
-            square += vectors[p, c] ** 2
-        largest = max(largest, square)
-    return np.sqrt(largest)

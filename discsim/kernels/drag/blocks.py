@@ -21,7 +21,7 @@ import numpy as np
 
 from discsim.jit.decorators import inline_jit, jit, jit_no_alloc
 from discsim.jit.index import index
-from discsim.kernels.common.zcurve import at_place
+from discsim.kernels.common.zcurve import z_position
 
 ONE, TWO, FOUR = index(1), index(2), index(4)
 NOUGHT: Any = np.int64(0)  # a literal 0 as an argument would compile one more specialisation
@@ -324,7 +324,7 @@ def _largest_block_at(z, tx, ty, tree):
     (tx, ty): first leaf of the top-level block. ix, iy: leaf at place z. found: whether a final block begins there; if
     not, `level` is that of a square in which no final block begins.
     """
-    x, y = at_place(z)
+    x, y = z_position(z)
     ix, iy, level = tx + x, ty + y, LEVELS
     while z & (1 << 2 * level) - 1 != 0:
         level -= 1

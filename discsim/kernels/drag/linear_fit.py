@@ -1,12 +1,12 @@
 """Means, second moments and linear fits of the velocities of the particles in a block (`kernels/drag/cells.py`)."""
 
-from discsim.jit.decorators import INLINE, inline_jit, jit_subroutine, kept
+from discsim.jit.decorators import INLINE, cached_njit, inline_jit, jit_subroutine
 from discsim.jit.index import index
 
 # The compiler may reorder the sums in these functions, and so vectorise them. The functions are always inlined: a
 # process that compiles a function and a process that loads it could otherwise call different copies of a callee, and
 # their results differ in the last bits.
-inline_reordered = kept(fastmath={"reassoc", "contract", "nsz"}, **INLINE)
+inline_reordered = cached_njit(fastmath={"reassoc", "contract", "nsz"}, **INLINE)
 # Blocks are many and small. To make, slice or pass a scratch array costs as much as the work on ten particles. There
 # are therefore few such arrays, made once for all blocks. Loops over particles have unsigned indices, as numba wraps
 # negative ones, which prevents vectorisation.

@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 
 from discsim.jit.decorators import jit, jit_no_alloc
-from discsim.kernels.common.candidates import most_of, pack_positions
+from discsim.kernels.common.candidates import max_candidates, pack_positions
 from discsim.kernels.drag.frame import orbital_frequency
 from discsim.kernels.drag.laws import nonlinear_drag_factor, stopping_time
 from discsim.kernels.drag.relax import response
@@ -34,8 +34,8 @@ def list_pairs(first, last, lists, dust_cells, cells, pos, radius, start, gas, o
     """
     dim = pos.shape[1]
     counting = len(gas) == 0
-    begin, slots = lists.begin, lists.slots
-    room = most_of(begin)
+    begin, slots = lists.begin, lists.indices
+    room = max_candidates(begin)
     cx, cy = np.zeros(room), np.zeros(room)
     for c in range(first, last):
         cell, listed, end = dust_cells.filled[c], begin[c - first], begin[c - first + 1]

@@ -11,8 +11,8 @@ import math
 import numpy as np
 from numba import njit
 
-from discsim.jit.decorators import FAST, KERNEL, kept
-from discsim.kernels.common.candidates import most_of, pack_positions
+from discsim.jit.decorators import FAST, KERNEL, cached_njit
+from discsim.kernels.common.candidates import max_candidates, pack_positions
 from discsim.kernels.drag.linear_fit import solve
 from discsim.kernels.sph.smoothing import SUPPORT, shape
 
@@ -49,11 +49,11 @@ def slope_driver(kernel: int, dim: int):
     The slope is 0 where a particle has too few neighbours.
     """
 
-    @kept(**KERNEL, fastmath=FAST)
+    @cached_njit(**KERNEL, fastmath=FAST)
     def fit(first, last, lists, pos, vel, mass, h, slope, cells):
         order, start = cells.order, cells.start
-        begin, slots = lists.begin, lists.slots
-        room = most_of(begin)
+        begin, slots = lists.begin, lists.indices
+        room = max_candidates(begin)
         cx, cy, cm, cvx, cvy = np.zeros(room), np.zeros(room), np.zeros(room), np.zeros(room), np.zeros(room)
         for c in range(first, last):
             cell, listed, end = cells.filled[c], begin[c - first], begin[c - first + 1]

@@ -1,4 +1,4 @@
-"""Sums of growth over the gas about dust particles: (1), (2), (4) and (5) of `kernels/dust/growth.py`."""
+"""Sums of grain growth over the gas near dust particles: (1), (2), (4) and (5) of `kernels/dust/growth.py`."""
 
 import functools
 import math
@@ -11,66 +11,70 @@ from discsim.jit.decorators import inline_jit, jit_sums_alloc
 from discsim.jit.index import index
 from discsim.kernels.dust.growth import COLUMNS, GAS, GIVE, GROWN, PULL, SMALL, SPEED2, TAKE, VEL
 from discsim.kernels.dust.packs import (
-    BROUGHT,
+    FIRST_FREE,
     STEEP,
     W,
     X,
     Y,
-    farthest,
-    most_members,
+    add_values,
+    largest_distance,
+    max_members,
+    members_and_centre,
     pack_column,
     pack_kernels,
     pack_own_weights,
-    pack_places,
+    pack_padded_positions,
     pack_weights,
-    weighed,
+    weighted_sum,
 )
 from discsim.kernels.sph.packs import CHUNK, STRIDE, clear, relative
 from discsim.kernels.sph.smoothing import NORM
 
-POSITIVE = 0.999  # of the length of b at which the smallest share would be 0
-# Rows of packs: of grains their mass; of gas particles the quantities that are summed about a grain.
-HELD = BROUGHT
-OF_GAS, OF_SMALL, VX, VY, VOLUME, PRESSURE, OF_GROWN = range(BROUGHT, BROUGHT + 7)
-# Sums about a grain: moments (1, x, y, xx, xy, yy) of small dust and of gas, moments (1, x, y) of the momentum of small
-# dust along each axis, sums over volumes (5), and the largest distance at which W > 0.
+POSITIVE = 0.999  # largest length of b, over the length at which the smallest contribution would be 0
+# Rows of packs. For grains: their mass. For gas particles: the quantities that are summed around a grain.
+HELD = FIRST_FREE
+OF_GAS, OF_SMALL, VX, VY, VOLUME, PRESSURE, OF_GROWN = range(FIRST_FREE, FIRST_FREE + 7)
+# Sums around a grain: moments (1, x, y, xx, xy, yy) of small dust and of gas; moments (1, x, y) of the momentum of
+# small dust along each axis; five means over the volume; and the largest distance at which W > 0.
 MOMENTS_OF_SMALL, MOMENTS_OF_GAS, FLOW, MEANS, FAR = 0, 6, 12, 18, 23
 
 
-class Carriers(NamedTuple):
-    """Gas particles: pos, vel (n, 2), smoothing lengths, and masses of the gas alone and of its small dust (n,)."""
+class CarrierGas(NamedTuple):
+    """Gas particles, which carry the small dust."""
 
-    pos: np.ndarray
-    vel: np.ndarray
-    h: np.ndarray
-    gas: np.ndarray
-    small: np.ndarray
+    pos: np.ndarray  # (n, 2)
+    vel: np.ndarray  # (n, 2)
+    h: np.ndarray  # (n,)
+    gas: np.ndarray  # (n,): mass of the gas without its small dust
+    small: np.ndarray  # (n,): mass of the small dust
 
 
 @functools.cache
 def deposit_driver(kernel: int):
-    """Compile the sum G_i of (2) at gas particles, written to `out` (n,)."""
+    """Return the kernel that writes the sum G_i of (2) at gas particles to `out` (n,).
+
+    lists: candidate lists of grains, for the filled cells `first` to `last` of the gas, `cells`. gpos, h: positions and
+    h of the gas particles. mass: masses of the dust particles.
+    """
     sigma = NORM[1][kernel]
 
     @jit_sums_alloc
     def deposit(first, last, lists, cells, grains, gpos, h, mass, out):
-        begin, slots, order = lists.begin, lists.slots, cells.order
+        begin, indices, order = lists.begin, lists.indices, cells.order
         pack = np.zeros((HELD + 1) * STRIDE)
-        sums = np.zeros((most_members(first, last, cells.filled, cells.start), 1))
+        sums = np.zeros((max_members(first, last, cells), 1))
         for c in range(first, last):
-            cell = cells.filled[c]
-            own, members = cells.start[cell], cells.start[cell + 1] - cells.start[cell]
-            ox, oy = cells.bounds[cell, 0], cells.bounds[cell, 1]
+            own, members, ox, oy = members_and_centre(c, cells)
             clear(sums, members)
             for listed in range(begin[c - first], begin[c - first + 1], CHUNK):
                 end = min(listed + CHUNK, begin[c - first + 1])
-                n = pack_places(c - first, listed, end, lists, ox, oy, grains, pack)
-                pack_column(listed, end, slots, grains.order, mass, HELD, pack)
+                n = pack_padded_positions(c - first, listed, end, lists, ox, oy, grains, pack)
+                pack_column(listed, end, indices, grains.order, mass, HELD, pack)
                 for p in range(members):
                     i = order[own + p]
                     x, y = relative(2, gpos, i, ox, oy, 1.0)
                     pack_own_weights(kernel, x, y, 1.0 / h[i], n, pack)
-                    sums[p, 0] += weighed(n, HELD, pack)
+                    sums[p, 0] += weighted_sum(n, HELD, pack)
             for p in range(members):
                 i = order[own + p]
                 out[i] = sigma * sums[p, 0] / (h[i] * h[i])
@@ -79,10 +83,10 @@ def deposit_driver(kernel: int):
 
 
 @inline_jit
-def centred(sums, kind, far):
-    """Return 1 / sum w (1 + b . d), and b such that sum w (1 + b . d) d = 0; zeros without any weight w.
+def centring_factors(sums, kind, far):
+    """Return 1 / sum w (1 + b . d), and b such that sum w (1 + b . d) d = 0; zeros if the sum of weights w is 0.
 
-    b is shortened if a share at a distance d up to `far` would be negative.
+    sums[kind:kind + 6]: moments of w. b is shortened if 1 + b . d would be negative at a distance |d| <= far.
     """
     m, mx, my = sums[kind], sums[kind + 1], sums[kind + 2]
     xx, xy, yy = sums[kind + 3], sums[kind + 4], sums[kind + 5]
@@ -100,11 +104,11 @@ def centred(sums, kind, far):
 
 
 @njit(inline="always")
-def pack_carriers(begin, end, slots, order, gas, small, vel, volume, pressure, grown, pack):
-    """Pack the quantities of gas particles that `gather` sums; padding keeps old values, as its norm of W is 0."""
+def pack_carriers(begin, end, indices, order, gas, small, vel, volume, pressure, grown, pack):
+    """Write to `pack` the quantities of gas particles that `gather` sums. Padding keeps old values, as its W is 0."""
     first, count = index(begin), index(end - begin)
     for k in range(count):
-        i = order[slots[first + k]]
+        i = order[indices[first + k]]
         pack[OF_GAS * STRIDE + k], pack[OF_SMALL * STRIDE + k] = gas[i], small[i]
         pack[VX * STRIDE + k], pack[VY * STRIDE + k] = vel[i, 0], vel[i, 1]
         pack[VOLUME * STRIDE + k], pack[PRESSURE * STRIDE + k] = volume[i], pressure[i]
@@ -113,7 +117,10 @@ def pack_carriers(begin, end, slots, order, gas, small, vel, volume, pressure, g
 
 @njit(inline="always")
 def add_moments(row, first_of, x, y, n, pack, sums):
-    """Add the moments 1, x, y, xx, xy, yy of n candidates about (x, y), weighted by W times a row of the pack."""
+    """Add to `sums`, from entry `first_of` on, six moments of n packed candidates about (x, y).
+
+    The moments are 1, x, y, xx, xy and yy, weighted by W times a row of `pack`.
+    """
     one = sx = sy = xx = xy = yy = 0.0
     for k in range(n):
         dx, dy = pack[X * STRIDE + k] - x, pack[Y * STRIDE + k] - y
@@ -125,17 +132,12 @@ def add_moments(row, first_of, x, y, n, pack, sums):
         xx += wx * dx
         xy += wx * dy
         yy += wy * dy
-    sums[first_of] += one
-    sums[first_of + 1] += sx
-    sums[first_of + 2] += sy
-    sums[first_of + 3] += xx
-    sums[first_of + 4] += xy
-    sums[first_of + 5] += yy
+    add_values((one, sx, sy, xx, xy, yy), first_of, sums)
 
 
 @njit(inline="always")
 def add_flow(x, y, n, pack, sums):
-    """Add the moments 1, x, y about (x, y) of the momentum of small dust, along each axis."""
+    """Add to `sums`, from entry FLOW on, moments 1, x, y about (x, y) of the momentum of small dust on each axis."""
     u = ux = uy = v = vx = vy = 0.0
     for k in range(n):
         dx, dy = pack[X * STRIDE + k] - x, pack[Y * STRIDE + k] - y
@@ -147,18 +149,15 @@ def add_flow(x, y, n, pack, sums):
         v += of_v
         vx += of_v * dx
         vy += of_v * dy
-    sums[FLOW] += u
-    sums[FLOW + 1] += ux
-    sums[FLOW + 2] += uy
-    sums[FLOW + 3] += v
-    sums[FLOW + 4] += vx
-    sums[FLOW + 5] += vy
+    add_values((u, ux, uy, v, vx, vy), FLOW, sums)
 
 
 @njit(inline="always")
 def add_means(x, y, along_x, along_y, n, pack, sums):
-    """Add sums weighted by volume and W: of 1, grown dust and pressure, and the slopes of pressure and of 1 along
-    (along_x, along_y).
+    """Add to `sums`, from entry MEANS on, five sums over n packed gas particles, weighted by volume and W.
+
+    They are sums of 1, grown dust and pressure, and the derivatives along (along_x, along_y) of the sums of pressure
+    and of 1.
     """
     whole = deposit = push = slope = tilt = 0.0
     for k in range(n):
@@ -170,16 +169,12 @@ def add_means(x, y, along_x, along_y, n, pack, sums):
         push += w * pressure
         slope += steep * pressure
         tilt += steep
-    sums[MEANS] += whole
-    sums[MEANS + 1] += deposit
-    sums[MEANS + 2] += push
-    sums[MEANS + 3] += slope
-    sums[MEANS + 4] += tilt
+    add_values((whole, deposit, push, slope, tilt), MEANS, sums)
 
 
 @inline_jit
-def write_about(j, r, sums, field):
-    """Write the columns of `field` for dust particle j, at the distance r from the centre, from its sums."""
+def write_surroundings(j, r, sums, field):
+    """Write row j of `field`, the surroundings of a dust particle at distance r from the centre, from its `sums`."""
     for column in range(COLUMNS):
         field[j, column] = 0.0
     s, whole, push, far = sums[MOMENTS_OF_GAS], sums[MEANS], sums[MEANS + 2], sums[FAR]
@@ -187,7 +182,7 @@ def write_about(j, r, sums, field):
         return
     field[j, GAS], field[j, SMALL], field[j, GROWN] = s, sums[MOMENTS_OF_SMALL], sums[MEANS + 1] / whole
     for moments, first_of in ((MOMENTS_OF_SMALL, TAKE), (MOMENTS_OF_GAS, GIVE)):
-        per, bx, by = centred(sums, moments, far)
+        per, bx, by = centring_factors(sums, moments, far)
         field[j, first_of], field[j, first_of + 1], field[j, first_of + 2] = per, bx, by
     for axis in range(2):
         flow = FLOW + 3 * axis
@@ -199,25 +194,26 @@ def write_about(j, r, sums, field):
 
 @functools.cache
 def gather_driver(kernel: int):
-    """Compile the sums (1), (2), (4), (5) at dust particles, written to `field` (n, COLUMNS); dP/dr is the slope of the
-    interpolated pressure.
+    """Return the kernel that writes the surroundings of dust particles, (1), (2), (4) and (5), to `field` (n, COLUMNS).
+
+    dP/dr is the derivative of the interpolated pressure. lists: candidate lists of gas particles, for the filled cells
+    `first` to `last` of `grains`. pos: dust particles. carriers: `CarrierGas`. volume, pressure, grown: V_i, pressures
+    and G_i of the gas particles.
     """
 
     @jit_sums_alloc
     def gather(first, last, lists, grains, cells, pos, centre, carriers, volume, pressure, grown, field):
-        begin, slots, order, (_, gvel, h, gas, small) = lists.begin, lists.slots, grains.order, carriers
+        begin, indices, order, (_, gvel, h, gas, small) = lists.begin, lists.indices, grains.order, carriers
         pack = np.zeros((OF_GROWN + 1) * STRIDE)
-        sums = np.zeros((most_members(first, last, grains.filled, grains.start), FAR + 1))
+        sums = np.zeros((max_members(first, last, grains), FAR + 1))
         for c in range(first, last):
-            cell = grains.filled[c]
-            own, members = grains.start[cell], grains.start[cell + 1] - grains.start[cell]
-            ox, oy = grains.bounds[cell, 0], grains.bounds[cell, 1]
+            own, members, ox, oy = members_and_centre(c, grains)
             clear(sums, members)
             for listed in range(begin[c - first], begin[c - first + 1], CHUNK):
                 end = min(listed + CHUNK, begin[c - first + 1])
-                n = pack_places(c - first, listed, end, lists, ox, oy, cells, pack)
-                pack_kernels(kernel, 2, listed, end, slots, cells.order, h, pack)
-                pack_carriers(listed, end, slots, cells.order, gas, small, gvel, volume, pressure, grown, pack)
+                n = pack_padded_positions(c - first, listed, end, lists, ox, oy, cells, pack)
+                pack_kernels(kernel, 2, listed, end, indices, cells.order, h, pack)
+                pack_carriers(listed, end, indices, cells.order, gas, small, gvel, volume, pressure, grown, pack)
                 for p in range(members):
                     j = order[own + p]
                     x, y = relative(2, pos, j, ox, oy, 1.0)
@@ -226,10 +222,10 @@ def gather_driver(kernel: int):
                     add_moments(OF_GAS, MOMENTS_OF_GAS, x, y, n, pack, sums[p])
                     add_flow(x, y, n, pack, sums[p])
                     add_means(x, y, pos[j, 0] - centre[0], pos[j, 1] - centre[1], n, pack, sums[p])
-                    sums[p, FAR] = max(sums[p, FAR], farthest(n, pack))
+                    sums[p, FAR] = max(sums[p, FAR], largest_distance(n, pack))
             for p in range(members):
                 j = order[own + p]
                 x, y = pos[j, 0] - centre[0], pos[j, 1] - centre[1]
-                write_about(j, math.sqrt(x * x + y * y), sums[p], field)
+                write_surroundings(j, math.sqrt(x * x + y * y), sums[p], field)
 
     return gather

@@ -1,68 +1,84 @@
-"""Packs for sums of gas particles over grains, and of grains over gas particles.
+"""Packs for sums over the dust particles near gas particles, and over the gas particles near dust particles.
 
-Like the packs of `kernels/sph/packs.py`, but of double precision and in code units. A kernel is 0 beyond its support,
-so sums take all candidates: a loop that skips some is not vectorised.
+Dust particles are called grains. Packs are like those of `kernels/sph/packs.py`, but in double precision and in code
+units. W = W(r, h) is the smoothing kernel of a gas particle; it is 0 beyond its support. Sums include all candidates of
+a cell, as a loop that skips some of them would not be vectorised.
 """
 
 import math
 
 from numba import njit
 
-from discsim.jit.decorators import INLINE, kept
+from discsim.jit.decorators import INLINE, cached_njit
 from discsim.jit.index import index
-from discsim.kernels.common.candidates import pack_positions
-from discsim.kernels.common.neighbours import whole
+from discsim.kernels.common.candidates import pack_positions, padded_count
 from discsim.kernels.sph.packs import STRIDE
 from discsim.kernels.sph.smoothing import NORM, shape
 
-# Rows of a pack: positions, and of gas particles 1/h and the norm of W; distances, W, and (dW/dr) / r; then the rows
-# of each kind of sum, from BROUGHT on.
-X, Y, INV_H, NORM_W, R, W, STEEP, BROUGHT = range(8)
+# Rows of a pack: positions; 1/h and the norm of W of gas particles; distances, W, and (dW/dr) / r. Each kind of sum has
+# more rows, from FIRST_FREE on.
+X, Y, INV_H, NORM_W, R, W, STEEP, FIRST_FREE = range(8)
 
 
 @njit(inline="always")
-def most_members(first, last, filled, start):
-    """Return the largest number of particles in one of the cells filled[first:last]."""
+def max_members(first, last, cells):
+    """Return the largest number of particles in one of the filled cells `first` to `last`."""
     most = 0
-    for c in range(first, last):
-        most = max(most, start[filled[c] + 1] - start[filled[c]])
+    for cell in cells.filled[first:last]:
+        most = max(most, cells.start[cell + 1] - cells.start[cell])
     return most
 
 
 @njit(inline="always")
-def pack_places(c, begin, end, lists, ox, oy, cells, pack):
-    """Pack the positions of the candidates `begin` to `end` of the c-th cell, from (ox, oy); return their number with
-    padding.
-    """
-    pack_positions(c, begin, end, lists, ox, oy, 1.0, cells, pack[X * STRIDE :], pack[Y * STRIDE :])
-    return whole(end - begin)
+def members_and_centre(c, cells):
+    """Return the first particle of the c-th filled cell in cell order, the number of its particles, and its centre."""
+    cell = cells.filled[c]
+    own = cells.start[cell]
+    return own, cells.start[cell + 1] - own, cells.bounds[cell, 0], cells.bounds[cell, 1]
 
 
 @njit(inline="always")
-def pack_column(begin, end, slots, order, values, row, pack):
-    """Pack the `values` (n,) of candidates into a row; 0 for padding."""
+def add_values(values, first, sums):
+    """Add a tuple of numbers to the entries of `sums` (n,) from entry `first` on."""
+    for k in range(len(values)):
+        sums[first + k] += values[k]
+
+
+@njit(inline="always")
+def pack_padded_positions(c, begin, end, lists, ox, oy, cells, pack):
+    """Write the positions, relative to (ox, oy), of the candidates `begin` to `end` of the c-th cell to `pack`.
+
+    Returns the number of candidates, rounded up to whole vectors.
+    """
+    pack_positions(c, begin, end, lists, ox, oy, 1.0, cells, pack[X * STRIDE :], pack[Y * STRIDE :])
+    return padded_count(end - begin)
+
+
+@njit(inline="always")
+def pack_column(begin, end, indices, order, values, row, pack):
+    """Write `values` (n,) of the candidates `begin` to `end` to a row of `pack`; 0 for padding."""
     first, count = index(begin), index(end - begin)
     for k in range(count):
-        pack[row * STRIDE + k] = values[order[slots[first + k]]]
-    for k in range(count, index(whole(end - begin))):
+        pack[row * STRIDE + k] = values[order[indices[first + k]]]
+    for k in range(count, index(padded_count(end - begin))):
         pack[row * STRIDE + k] = 0.0
 
 
 @njit(inline="always")
-def pack_kernels(kernel, dim, begin, end, slots, order, h, pack):
-    """Pack 1/h and the norm of W of gas particles; the norm is 0 for padding."""
+def pack_kernels(kernel, dim, begin, end, indices, order, h, pack):
+    """Write 1/h and the norm of W of gas particles to `pack`; the norm is 0 for padding, and then so is W."""
     first, count = index(begin), index(end - begin)
     for k in range(count):
-        inverse = 1.0 / h[order[slots[first + k]]]
+        inverse = 1.0 / h[order[indices[first + k]]]
         pack[INV_H * STRIDE + k] = inverse
         pack[NORM_W * STRIDE + k] = NORM[dim - 1][kernel] * (inverse * inverse if dim == 2 else inverse)
-    for k in range(count, index(whole(end - begin))):
+    for k in range(count, index(padded_count(end - begin))):
         pack[NORM_W * STRIDE + k] = 0.0
 
 
 @njit(inline="always")
 def pack_weights(kernel, dim, x, y, n, pack):
-    """Pack the distances of n gas particles from (x, y), and the W and (dW/dr) / r of each at (x, y)."""
+    """Write to `pack` the distances of its n gas particles from (x, y), and the W and (dW/dr) / r of each at (x, y)."""
     for k in range(n):
         dx, dy = x - pack[X * STRIDE + k], y - pack[Y * STRIDE + k]
         pack[R * STRIDE + k] = math.sqrt(dx * dx + dy * dy)
@@ -75,24 +91,27 @@ def pack_weights(kernel, dim, x, y, n, pack):
 
 @njit(inline="always")
 def pack_own_weights(kernel, x, y, inverse, n, pack):
-    """Pack w(q), W without its norm, of a gas particle at (x, y) in two dimensions, at n grains; `inverse` is 1/h."""
+    """Write to `pack` w(q), W without its norm, of one gas particle at (x, y) in 2D, at each of n packed grains.
+
+    inverse: 1/h of the gas particle.
+    """
     for k in range(n):
         dx, dy = x - pack[X * STRIDE + k], y - pack[Y * STRIDE + k]
         pack[W * STRIDE + k] = shape(kernel, 2, math.sqrt(dx * dx + dy * dy) * inverse)[0]
 
 
 @njit(inline="always")
-def weighed(n, row, pack):
-    """Return the sum of a row over n candidates, weighted by the packed W."""
+def weighted_sum(n, row, pack):
+    """Return the sum of a row of `pack` over its n candidates, weighted by the row W."""
     total = 0.0
     for k in range(n):
         total += pack[W * STRIDE + k] * pack[row * STRIDE + k]
     return total
 
 
-@kept(**INLINE, fastmath={"nnan", "nsz"})  # vectorised, as NaN is excluded
-def farthest(n, pack):
-    """Return the largest distance of the n packed gas particles with W > 0."""
+@cached_njit(**INLINE, fastmath={"nnan", "nsz"})  # vectorised, as NaN is excluded
+def largest_distance(n, pack):
+    """Return the largest distance among those of n packed gas particles that have W > 0."""
     far = 0.0
     for k in range(index(n)):
         far = max(far, pack[R * STRIDE + k] if pack[W * STRIDE + k] > 0.0 else 0.0)

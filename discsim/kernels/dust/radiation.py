@@ -1,4 +1,4 @@
-"""Radiation pressure of the star on dust: acc += beta G M r / (r^2 + s^2)^(3/2)."""
+"""Radiation pressure of the star on dust: an acceleration beta G M r / (r^2 + s^2)^(3/2)."""
 
 import math
 
@@ -6,10 +6,11 @@ from discsim.jit.decorators import jit
 
 
 @jit
-def push(begin, end, pos, species, strength, softening, acc):
-    """Add the radiation pressure to the accelerations (n, 2) of grains.
+def add_radiation_pressure(begin, end, pos, species, strength, softening, acc):
+    """Add the radiation pressure to the accelerations `acc` (n, 2) of dust particles.
 
-    strength (populations,): beta G M of each population.
+    pos (n, 2): positions relative to the star. species (n,): population of each particle. strength (populations,): beta
+    G M of each population. softening: s.
     """
     for i in range(begin, end):
         x, y = pos[i, 0], pos[i, 1]

@@ -1,8 +1,9 @@
-"""Copies of the Poisson solver between rows, tiles and columns of the half-transformed field, and products with the
-kernel.
+"""Loops of the Poisson solver: copies between buffers for transforms along y and along x, and the kernel's product.
 
-A tile (nx, TILE) holds TILE columns and is contiguous: copies from rows to tiles and from tiles to columns have no
-long strides. Buffers are wider than their content, so that their rows do not map to the same cache lines.
+The solver transforms the rows of a field along y, and then the columns of the result along x. Between these it stores
+the result in tiles. A tile (nx, TILE) is contiguous and has TILE columns, so that no copy from rows to tiles, or from
+tiles to columns, has long strides. Buffers are wider than their content, so that their rows do not map to the same
+cache lines; a shape with ">= n" is that of such a buffer.
 """
 
 from discsim.jit.decorators import inline_jit, jit
@@ -12,7 +13,7 @@ TILE = 8  # columns: two cache lines of complex numbers
 
 @jit
 def load_rows(field, first, rows):
-    """Copy rows first, first + 1, ... of a field (nx, ny) to `rows` (batch, >= ny)."""
+    """Copy the rows of `field` (nx, ny) from row `first` on to the buffer `rows` (batch, >= ny)."""
     for i in range(min(rows.shape[0], field.shape[0] - first)):
         row = rows[i]
         for j in range(field.shape[1]):
@@ -21,9 +22,9 @@ def load_rows(field, first, rows):
 
 @jit
 def store_rows(rows, first, shift, border, field):
-    """Copy `rows` back to a field, `shift` rows further on, from the last to the first.
+    """Copy `rows` (batch, >= ny) to `field`, from row first + shift on; after the last row comes row 0.
 
-    The last `border` nodes of a row go before its first node.
+    border: number of nodes that are taken from the end of a row and written before its first node.
     """
     count, held = field.shape[0], field.shape[1] - border
     for i in range(min(rows.shape[0], count - first)):
@@ -36,7 +37,7 @@ def store_rows(rows, first, shift, border, field):
 
 @jit
 def rows_to_tiles(rows, first, tiles):
-    """Copy rows (batch, tiles TILE) to rows first, first + 1, ... of `tiles` (tiles, nx, TILE)."""
+    """Copy `rows` (batch, >= number of tiles * TILE) to `tiles` (tiles, nx, TILE), from row `first` of these on."""
     for t in range(tiles.shape[0]):
         for i in range(min(rows.shape[0], tiles.shape[1] - first)):
             for c in range(TILE):
@@ -45,7 +46,7 @@ def rows_to_tiles(rows, first, tiles):
 
 @jit
 def tiles_to_rows(tiles, first, rows):
-    """Copy rows of `tiles` to `rows`, the reverse of `rows_to_tiles`."""
+    """Copy `tiles`, from row `first` on, to `rows`: the reverse of `rows_to_tiles`."""
     for t in range(tiles.shape[0]):
         for i in range(min(rows.shape[0], tiles.shape[1] - first)):
             for c in range(TILE):
@@ -54,7 +55,7 @@ def tiles_to_rows(tiles, first, rows):
 
 @jit
 def load_columns(tile, columns):
-    """Copy the columns of a tile (nx, TILE) to `columns` (TILE, >= nx)."""
+    """Copy the columns of `tile` (nx, TILE) to the rows of `columns` (TILE, >= nx)."""
     for i in range(tile.shape[0]):
         for c in range(TILE):
             columns[c, i] = tile[i, c]
@@ -62,7 +63,7 @@ def load_columns(tile, columns):
 
 @jit
 def store_columns(columns, tile):
-    """Copy `columns` to a tile, the reverse of `load_columns`."""
+    """Copy `columns` to `tile`: the reverse of `load_columns`."""
     for i in range(tile.shape[0]):
         for c in range(TILE):
             tile[i, c] = columns[c, i]
@@ -70,9 +71,10 @@ def store_columns(columns, tile):
 
 @jit
 def multiply_columns(columns, quadrant, first, length):
-    """Multiply columns by the kernel's transform. The kernel is even, so `quadrant` (ky, kx) has half of the kx.
+    """Multiply `columns` (TILE, >= 2 * length), in place, by the kernel's transform.
 
-    `columns` (TILE, >= 2 length) are real and imaginary parts in turn.
+    A row of `columns` has `length` complex modes kx of one ky, with real and imaginary parts alternating. quadrant (ky,
+    kx): the transform, which is real and even; it has only the first half of the kx. first: ky of the first row.
     """
     for c in range(min(TILE, quadrant.shape[0] - first)):
         _multiply(columns[c], quadrant[first + c], length, 1)
@@ -80,8 +82,11 @@ def multiply_columns(columns, quadrant, first, length):
 
 @inline_jit
 def _multiply(column, factor, length, unpaired):
-    # factor[k] belongs to mode k. The kernel is even: modes from the last one back have the same factors, from index
-    # `unpaired` on, which is 1 where mode 0 has no mirror image, and 0 where each mode has one.
+    """Multiply the `length` complex modes in `column`, in place, by real factors that are even in the mode number.
+
+    factor[k] is for mode k of the first half. Mode length - 1 - k of the second half has factor[k + unpaired], where
+    `unpaired` is 1 if mode 0 has no mirror image, and 0 if each mode has one.
+    """
     half = len(factor)
     for k in range(half):
         column[2 * k] *= factor[k]
@@ -93,11 +98,11 @@ def _multiply(column, factor, length, unpaired):
 
 @jit
 def load_halves(tile, nx, wave, columns):
-    """Copy the first nx rows of a tile to `columns` (2, TILE, >= n): as they are, and times `wave` (n,).
+    """Copy the columns of `tile` to columns[0], and the columns times `wave` (n,) to columns[1].
 
-    Rows from nx up to n are 0. With wave[i] = exp(-j pi i / n) the transforms of the two, of length n, are the even
-    and the odd modes of a transform of length 2n. Its second half is padding (decimation in frequency; Cooley & Tukey
-    1965).
+    columns: (2, TILE, >= n); entries from nx to n, which pad the nx rows of the tile, are set to 0. With wave[i] =
+    exp(-j pi i / n), the two transforms of length n are the even and the odd modes of a transform of length 2n whose
+    second half is padding (decimation in frequency; Cooley & Tukey 1965).
     """
     for i in range(nx):
         for c in range(TILE):
@@ -107,17 +112,18 @@ def load_halves(tile, nx, wave, columns):
 
 @jit
 def store_halves(columns, nx, border, wave, tile):
-    """Write rows of the inverse transform of length 2n to a tile.
+    """Write the rows that are needed of an inverse transform of length 2n to `tile`.
 
-    `columns` (2, TILE, >= n) has the inverse transforms of even and of odd modes. Row i < n is even + conj(wave[i])
-    odd, and row n + i is even - conj(wave[i]) odd. The tile gets the first nx rows, the `border` rows after them and
-    then the last `border` of all, which lie before the first.
+    columns (2, TILE, >= n): the inverse transforms `even` and `odd` of the even and odd modes. Row i < n of the whole
+    transform is even[i] + conj(wave[i]) odd[i], and row n + i is even[i] - conj(wave[i]) odd[i]. The tile gets the
+    first nx rows, the `border` rows after them, and the last `border` rows, which lie before the first row in periodic
+    order.
     """
     count = len(wave)
     for i in range(min(nx + border, count)):
-        back = wave[i].conjugate()
+        phase = wave[i].conjugate()
         for c in range(TILE):
-            tile[i, c] = columns[0, c, i] + back * columns[1, c, i]
+            tile[i, c] = columns[0, c, i] + phase * columns[1, c, i]
     for i in range(count, nx + border):
         _store_beyond(columns, i - count, wave, tile[i])
     for i in range(border):
@@ -126,17 +132,18 @@ def store_halves(columns, nx, border, wave, tile):
 
 @inline_jit
 def _store_beyond(columns, i, wave, row):
-    # Row i of the second half: its wave has the opposite sign.
-    back = wave[i].conjugate()
+    """Write row n + i of `store_halves` to `row` (TILE,)."""
+    phase = wave[i].conjugate()
     for c in range(TILE):
-        row[c] = columns[0, c, i] - back * columns[1, c, i]
+        row[c] = columns[0, c, i] - phase * columns[1, c, i]
 
 
 @jit
 def multiply_halves(columns, quadrant, first, length):
-    """Apply `multiply_columns` to even and then odd modes, `columns` (2, TILE, >= 2 length).
+    """Multiply the even modes columns[0] and the odd modes columns[1], in place, by the kernel's transform.
 
-    `quadrant` has the even kx before the odd ones.
+    columns: (2, TILE, >= 2 * length), with `length` even and `length` odd modes. quadrant (ky, kx): as in
+    `multiply_columns`, but with all even kx before the odd ones. first: ky of the first row.
     """
     even = length // 2 + 1
     for c in range(min(TILE, quadrant.shape[0] - first)):

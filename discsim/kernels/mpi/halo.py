@@ -7,9 +7,9 @@ from numba import njit
 
 from discsim.jit.decorators import inline_jit, jit, jit_subroutine
 from discsim.jit.index import index
-from discsim.kernels.common.filling import SOME, with_room
+from discsim.kernels.common.filling import MARGIN, ensure_capacity
 from discsim.kernels.common.neighbours import ALL_X, ALL_Y, FIRST, FROM_X, FROM_Y, NX, NY, REACH, SIDE_X
-from discsim.kernels.common.zcurve import place_of
+from discsim.kernels.common.zcurve import z_index
 from discsim.kernels.drag.blocks import LEVELS
 from discsim.kernels.mpi import batches
 
@@ -147,10 +147,10 @@ def particles_in_runs(first, last, some, key, of, number):
     number: result of `number_runs`. key (n,): cell of each particle; if `of` is not None, the cell is of[key]. Only the
     batches some[first:last] are searched.
     """
-    out, numbers, count = np.empty(SOME, np.int64), np.empty(SOME, np.uint32), index(0)
+    out, numbers, count = np.empty(MARGIN, np.int64), np.empty(MARGIN, np.uint32), index(0)
     for k in range(first, last):
         begin = index(some[k]) * BATCH
-        out, numbers = with_room(out, count), with_room(numbers, count)
+        out, numbers = ensure_capacity(out, count), ensure_capacity(numbers, count)
         for i in range(begin, min(begin + BATCH, index(len(key)))):
             cell = index(key[i] if of is None else of[key[i]])  # `of` is tested once, when this is compiled
             out[count], numbers[count] = i, number[cell]
@@ -252,7 +252,7 @@ def block_number_ranges(leaf, level, first, rows, begin, end):
     for block in range(len(level)):
         x, y = np.int64(leaf[block, 0]) + x0, np.int64(leaf[block, 1]) + y0
         number = (x >> LEVELS) * rows + (y >> LEVELS)
-        begin[block] = (number << 2 * LEVELS) + place_of(x & mask, y & mask)
+        begin[block] = (number << 2 * LEVELS) + z_index(x & mask, y & mask)
         end[block] = begin[block] + (np.int64(1) << 2 * np.int64(level[block]))
 
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from discsim.jit.decorators import inline_jit, jit
 from discsim.jit.index import index
-from discsim.kernels.common.filling import SOME, with_room
+from discsim.kernels.common.filling import MARGIN, ensure_capacity
 from discsim.kernels.common.grid import stencil
 from discsim.kernels.mpi import batches
 
@@ -49,7 +49,7 @@ def rows_in_marked_tiles(first, last, pos, bounds, tiles, marked):
     Only the batches from `first` to `last` are searched. bounds (batches, 4): bounds of each batch. tiles: as in
     `tiles_of`.
     """
-    out, count, tile = np.empty(SOME, np.int64), index(0), np.empty(BATCH, np.uint32)
+    out, count, tile = np.empty(MARGIN, np.int64), index(0), np.empty(BATCH, np.uint32)
     for batch in range(index(first), index(last)):
         x0, x1, y0, y1 = bounds[batch, 0], bounds[batch, 1], bounds[batch, 2], bounds[batch, 3]
         if not _marked_about(x0, x1, y0, y1, pos.shape[1], tiles, marked, BATCH):  # beyond BATCH tiles: row by row
@@ -57,7 +57,7 @@ def rows_in_marked_tiles(first, last, pos, bounds, tiles, marked):
         begin = batch * BATCH
         n = min(BATCH, index(len(pos)) - begin)
         _write_tiles(pos, begin, n, tiles, tile)
-        out = with_room(out, count)
+        out = ensure_capacity(out, count)
         for i in range(n):
             out[count] = begin + i
             count += index(marked[index(tile[i])])
@@ -101,13 +101,13 @@ def rows_near_marked_tiles(first, last, pos, bounds, margin, ends, tiles, marked
     unless the batch is wide, as after the arrival of particles; it is then tested row by row. bounds (batches, 4):
     bounds of each batch. tiles: as in `tiles_of`.
     """
-    out, count, dim = np.empty(SOME, np.int64), index(0), pos.shape[1]
+    out, count, dim = np.empty(MARGIN, np.int64), index(0), pos.shape[1]
     wide = FEW / tiles[1]
     for batch in range(index(first), index(last)):
         x0, x1, y0, y1 = bounds[batch, 0], bounds[batch, 1], bounds[batch, 2], bounds[batch, 3]
         if not _is_near(x0, x1, y0, y1, dim, margin, ends, tiles, marked):
             continue
-        out, one_by_one = with_room(out, count), x1 - x0 > wide or y1 - y0 > wide
+        out, one_by_one = ensure_capacity(out, count), x1 - x0 > wide or y1 - y0 > wide
         for i in range(batch * BATCH, min((batch + ONE) * BATCH, index(len(pos)))):
             x, y = pos[i, 0], pos[i, dim - 1]
             out[count] = i

@@ -1,1 +1,1 @@
-"""Sums of smoothed particle hydrodynamics, and what else changes gas."""
+"""Sums of smoothed particle hydrodynamics, and other loops over gas particles."""

@@ -1,17 +1,17 @@
-"""Cooling of gas over a kick at a constant heating rate: relaxation to a given energy, or radiative cooling.
+"""Cooling of gas over a kick at a constant heating rate: relaxation to a given energy (1), or radiative cooling (2).
 
-    towards         du/dt = rate - (u - u_eq) / t_cool                                                          (1)
-    radiative       du/dt = rate - 2 sigma (T^4 - T_irr^4) / (tau_eff Sigma),  tau = kappa Sigma / 2            (2)
-                    tau_eff = 3 tau / 8 + sqrt(3) / 4 + 1 / (4 tau)      (Hubeny 1990)
+    du/dt = rate - (u - u_eq) / t_cool                                                                          (1)
+    du/dt = rate - 2 sigma (T^4 - T_irr^4) / (tau_eff Sigma),  tau = kappa Sigma / 2                            (2)
+            tau_eff = 3 tau / 8 + sqrt(3) / 4 + 1 / (4 tau)      (Hubeny 1990)
 
 (1) is solved exactly. (2) is one equation per particle, integrated by an exponential Rosenbrock method of third order
 (exprb32 of Hochbruck, Ostermann & Schweitzer 2009). Adaptive sub-steps keep the error of each within TOLERANCE of u.
-The method is L-stable: a kick of any length ends where heating and cooling balance. Both solutions compose from kick
-to kick.
+The method is L-stable: a kick of any length ends where heating and cooling balance. Two successive kicks have the same
+result as one kick of their total length.
 
-u stays at or above 0 where gas expands (rate < 0). In (2) the loss by expansion is constant down to LEAST of the energy
-at the start of the kick, and proportional to u below. The result of (1) is at least LEAST times the solution with a
-loss proportional to u.
+u stays at or above 0 where gas expands (rate < 0). In (2) the loss by expansion is constant down to LEAST times the
+energy at the start of the kick, and proportional to u below. The result of (1) is at least LEAST times the solution
+with a loss proportional to u.
 """
 
 import math
@@ -23,91 +23,93 @@ from discsim.jit.decorators import inline_jit, jit
 
 LEAST = 0.1
 TOLERANCE = 1e-6
-MOST = 100_000  # sub-steps of a kick: a few if cooling is resolved, 100 from 1000 times the equilibrium energy
+MOST = 100_000  # largest number of sub-steps; a few suffice if cooling is resolved, 100 if u begins at 1000 u_eq
 POWERS = np.array(BELL_LIN)
 
 
 @inline_jit
-def relaxed(u, settled, rate, t_cool, dt):
-    """Return u of (1) after dt; `settled` is u_eq."""
+def relaxed_energy(u, equilibrium, rate, t_cool, dt):
+    """Return u of (1) after dt; `equilibrium` is u_eq."""
     x = dt / t_cool
     gone = -math.expm1(-x)
-    after = u * math.exp(-x) + (settled + rate * t_cool) * gone
+    after = u * math.exp(-x) + (equilibrium + rate * t_cool) * gone
     if rate >= 0.0:
         return after
     if u <= 0.0:
         return max(after, 0.0)
-    quick = 1.0 / t_cool - rate / u  # rate of a loss in proportion to u
+    quick = 1.0 / t_cool - rate / u  # for a loss by expansion in proportion to u
     lost = -math.expm1(-quick * dt)
-    return max(after, LEAST * (u * (1.0 - lost) + settled / (t_cool * quick) * lost))
+    return max(after, LEAST * (u * (1.0 - lost) + equilibrium / (t_cool * quick) * lost))
 
 
 @jit
-def towards(begin, end, pos, u, rate, dt, at_orbit, t_cool, passive, star, softening, out):
-    """Write u of (1) after dt for energies (n,). `t_cool` is in units of 1/Omega about the central mass if `at_orbit`.
+def relax_to_energy(begin, end, pos, u, rate, dt, at_orbit, t_cool, passive, star, softening, out):
+    """Write to `out` (n,) the solution u of (1) after dt, from the energies `u` (n,).
 
-    u_eq = passive[0] r^-passive[1], with r^2 at least passive[2].
+    t_cool is in units of 1/Omega about the central mass if `at_orbit`, else a time. u_eq is passive[0] r^-passive[1],
+    with r^2 set to passive[2] where it is smaller. star: G M. out may be u.
     """
     flat = passive[1] == 0.0
     for i in range(begin, end):
         r2 = 0.0
         for k in range(pos.shape[1]):
             r2 += pos[i, k] * pos[i, k]
-        settled, time = passive[0], t_cool
+        equilibrium, time = passive[0], t_cool
         if not flat:
-            settled *= max(r2, passive[2]) ** (-0.5 * passive[1])
+            equilibrium *= max(r2, passive[2]) ** (-0.5 * passive[1])
         if at_orbit:
             d2 = r2 + softening * softening
             time = t_cool * math.sqrt(d2 * math.sqrt(d2) / star)
-        out[i] = relaxed(u[i], settled, rate[i], time, dt) if time > 0.0 else settled
-
-
-@inline_jit
-def power(number, rho, temperature):
-    return POWERS[number, 0] * rho ** POWERS[number, 1] * temperature ** POWERS[number, 2]
+        out[i] = relaxed_energy(u[i], equilibrium, rate[i], time, dt) if time > 0.0 else equilibrium
 
 
 @inline_jit
 def lesser(a, b):
+    """Return the one of two results of `table_opacity` with the smaller opacity."""
     return a if a[0] <= b[0] else b
 
 
 @inline_jit
 def greater(a, b):
+    """Return the one of two results of `table_opacity` with the larger opacity."""
     return a if a[0] >= b[0] else b
 
 
 @inline_jit
-def of_number(number, rho, temperature):
-    """Return one opacity of the table and its slopes in ln rho and ln T."""
-    return power(number, rho, temperature), POWERS[number, 1], POWERS[number, 2]
+def table_opacity(number, rho, temperature):
+    """Return the opacity of row `number` of POWERS, and its logarithmic slopes with rho and T."""
+    by_density, by_temperature = POWERS[number, 1], POWERS[number, 2]
+    return POWERS[number, 0] * rho**by_density * temperature**by_temperature, by_density, by_temperature
 
 
 @inline_jit
 def bell_lin(rho, temperature):
-    """Return the opacity in cm2/g at a density in g/cm3 and a temperature in K, and its slopes in ln rho and ln T."""
+    """Return the opacity of Bell & Lin (1994) in cm2/g, and its logarithmic slopes with rho (g/cm3) and T (K)."""
     rho = max(rho, THINNEST)
     if temperature < METALS:
-        return lesser(of_number(0, rho, temperature), of_number(1, rho, temperature))
-    grains = lesser(of_number(2, rho, temperature), of_number(3, rho, temperature))
-    cool = greater(of_number(4, rho, temperature), of_number(5, rho, temperature))
-    hot = greater(of_number(6, rho, temperature), of_number(7, rho, temperature))
+        return lesser(table_opacity(0, rho, temperature), table_opacity(1, rho, temperature))
+    grains = lesser(table_opacity(2, rho, temperature), table_opacity(3, rho, temperature))
+    cool = greater(table_opacity(4, rho, temperature), table_opacity(5, rho, temperature))
+    hot = greater(table_opacity(6, rho, temperature), table_opacity(7, rho, temperature))
     return greater(grains, lesser(cool, hot))
 
 
 @jit
-def opacities(begin, end, rho, temperature, out):
-    """Write Bell & Lin's opacity (n,) in cm2/g."""
+def write_opacities(begin, end, rho, temperature, out):
+    """Write to `out` (n,) the opacity of Bell & Lin (1994) in cm2/g, for `rho` (n,) in g/cm3 and temperatures in K."""
     for i in range(begin, end):
         out[i] = bell_lin(rho[i], temperature[i])[0]
 
 
 @inline_jit
-def radiated(u, settled, column, omega, kappa, unit):
-    """Return the net radiative loss of (2) and its derivative by u; `unit` as in `radiative`."""
+def radiative_loss(u, equilibrium, column, omega, kappa, unit):
+    """Return the net radiative loss in (2), -du/dt, and its derivative with respect to u.
+
+    equilibrium: u at T_irr. column: Sigma. kappa, unit: as in `cool_radiatively`.
+    """
     slope = 0.0
     if kappa <= 0.0:
-        # rho = Sigma Omega / (sqrt(2 pi) c) with the isothermal sound speed, which sets the scale height.
+        # rho = Sigma Omega / (sqrt(2 pi) c) with the isothermal sound speed c, which gives the scale height.
         rho = unit[1] * column * omega / math.sqrt(2.0 * math.pi * unit[2] * u)
         kappa, by_density, by_temperature = bell_lin(rho, unit[3] * u)
         kappa *= unit[4]
@@ -115,16 +117,20 @@ def radiated(u, settled, column, omega, kappa, unit):
     tau = 0.5 * kappa * column
     depth = 0.375 * tau + 0.25 * math.sqrt(3.0) + 0.25 / tau
     steep = (0.375 * tau - 0.25 / tau) * slope / (depth * u)  # d ln depth / du
-    u3, s2 = u * u * u, settled * settled
-    given = unit[0] / (column * depth)
-    net = given * (u3 * u - s2 * s2)
-    return net, 4.0 * given * u3 - net * steep
+    u3, s2 = u * u * u, equilibrium * equilibrium
+    factor = unit[0] / (column * depth)
+    net = factor * (u3 * u - s2 * s2)
+    return net, 4.0 * factor * u3 - net * steep
 
 
 @inline_jit
-def flow(u, rate, lowest, settled, column, omega, kappa, unit):
-    """Return du/dt of (2) and its derivative by u; below `lowest` the loss by expansion is proportional to u."""
-    lost, steep = radiated(u, settled, column, omega, kappa, unit)
+def energy_rate(u, rate, lowest, equilibrium, column, omega, kappa, unit):
+    """Return du/dt of (2) and its derivative with respect to u.
+
+    rate: heating. If it is negative, by expansion, it is multiplied by u / lowest where u is below `lowest`. Other
+    arguments: as in `radiative_loss`.
+    """
+    lost, steep = radiative_loss(u, equilibrium, column, omega, kappa, unit)
     if rate < 0.0 and u < lowest:
         return rate * u / lowest - lost, rate / lowest - steep
     return rate - lost, -steep
@@ -132,7 +138,7 @@ def flow(u, rate, lowest, settled, column, omega, kappa, unit):
 
 @inline_jit
 def phi_functions(z):
-    """Return phi_1 and phi_3 of z: (e^z - 1)/z and (e^z - 1 - z - z^2/2)/z^3."""
+    """Return phi_1(z) = (e^z - 1)/z and phi_3(z) = (e^z - 1 - z - z^2/2)/z^3."""
     if abs(z) < 0.05:
         third = 1.0 / 6.0 + z * (1.0 / 24.0 + z * (1.0 / 120.0 + z * (1.0 / 720.0 + z / 5040.0)))
         return 1.0 + z * (0.5 + z * third), third
@@ -141,21 +147,22 @@ def phi_functions(z):
 
 
 @inline_jit
-def radiate(u, rate, dt, settled, column, omega, kappa, unit):
-    """Return u of (2) after dt."""
+def cooled_energy(u, rate, dt, equilibrium, column, omega, kappa, unit):
+    """Return the solution u of (2) after dt; arguments as in `energy_rate`."""
     if u <= 0.0:
         return max(0.0, rate * dt)
     lowest, left, step = LEAST * u, dt, dt
     for _ in range(MOST):
         step = min(step, left)
-        slope, steep = flow(u, rate, lowest, settled, column, omega, kappa, unit)
+        slope, steep = energy_rate(u, rate, lowest, equilibrium, column, omega, kappa, unit)
         if slope == 0.0:
             return u
         first, third = phi_functions(max(-1e300, min(step * steep, 500.0)))
         near = u + step * first * slope
         error = np.inf
         if near > 0.0:
-            rest = flow(near, rate, lowest, settled, column, omega, kappa, unit)[0] - slope - steep * (near - u)
+            end = energy_rate(near, rate, lowest, equilibrium, column, omega, kappa, unit)[0]
+            rest = end - slope - steep * (near - u)
             change = 2.0 * step * third * rest
             if near + change > 0.0:
                 error = abs(change) / (TOLERANCE * min(u, near + change))
@@ -169,15 +176,18 @@ def radiate(u, rate, dt, settled, column, omega, kappa, unit):
 
 
 @jit
-def radiative(begin, end, pos, u, density, rate, dt, kappa, passive, star, softening, unit, out):
-    """Write u of (2) after dt for energies (n,) at surface densities (n,).
+def cool_radiatively(begin, end, pos, u, density, rate, dt, kappa, passive, star, softening, unit, out):
+    """Write to `out` (n,) the solution u of (2) after dt, from the energies `u` (n,).
 
-    kappa: a constant opacity, or 0 for Bell & Lin's. passive: as in `towards`, for the energy at T_irr.
-    unit: (2 sigma (T/u)^4, density in g/cm3, (c/u)^2, T/u in K, cm2/g) in code units.
+    density, rate (n,): surface densities and heating rates. kappa: a constant opacity, or 0 for the opacity of Bell &
+    Lin. passive: the energy at T_irr, in the form of u_eq in `relax_to_energy`. star: G M.
+
+    unit: (2 sigma (T/u)^4 in code units; the code unit of density in g/cm3; c^2 / u, with the isothermal sound speed c;
+    T/u in K per code unit of u; 1 cm2/g in code units).
     """
     for i in range(begin, end):
         r2 = pos[i, 0] * pos[i, 0] + pos[i, 1] * pos[i, 1]
         d2 = r2 + softening * softening
-        settled = passive[0] * max(r2, passive[2]) ** (-0.5 * passive[1])
+        equilibrium = passive[0] * max(r2, passive[2]) ** (-0.5 * passive[1])
         omega = math.sqrt(star / (d2 * math.sqrt(d2)))
-        out[i] = radiate(u[i], rate[i], dt, settled, density[i], omega, kappa, unit)
+        out[i] = cooled_energy(u[i], rate[i], dt, equilibrium, density[i], omega, kappa, unit)

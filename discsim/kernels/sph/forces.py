@@ -4,14 +4,14 @@
     Omega_i = 1 + h_i / (d rho_i) sum_j m_j dW/dh_i                                                 (2)
     dv_i/dt = -sum_j m_j [P_i / (Omega_i rho_i^2) grad W(h_i) + P_j / (Omega_j rho_j^2) grad W(h_j)]  (3)
     du_i/dt = P_i / (Omega_i rho_i^2) sum_j m_j v_ij . grad W(h_i)                                  (4)
-    Pi_ij   = (-alpha c_ij w + beta w^2) / rho_ij,   w = min(0, v_ij . r_ij / r_ij)                   (5)
-    w_ij   -= 2 a b / (a + b) where a b > 0,   a = r_ij e . G_i e,   b = r_ij e . G_j e             (6)
+    Pi_ij   = (-alpha c_ij w + beta w^2) / rho_ij,   w = min(0, v_ij . r_ij / |r_ij|)                 (5)
+    w_ij   -= 2 a b / (a + b) where a b > 0,   a = |r_ij| e . G_i e,   b = |r_ij| e . G_j e         (6)
     G_i     = A_i T_i^-1,   A_i = sum_j m_j W(r_ij, h_i) v_ij x r_ij,   T_i = sum_j m_j W(r_ij, h_i) r_ij x r_ij  (7)
 
-With `pairs` "all" the first w of (5) is that of all pairs (Lodato & Price 2010). On approaching pairs alone this term
-is partly a pressure in the shear of a disc, with twice the noise at the same shear viscosity. With reconstruction (6)
-applies to both terms of (5): w becomes the jump between velocities extrapolated to the middle of a pair, e = r_ij /
-r_ij. Heat is that of the pair's full velocity.
+With `pairs` "all" the first w of (5) is v_ij . r_ij / |r_ij| for all pairs (Lodato & Price 2010). On approaching pairs
+alone this term is partly a pressure in the shear of a disc, with twice the noise at the same shear viscosity. With
+reconstruction (6) applies to both terms of (5): w becomes the jump between velocities extrapolated to the middle of a
+pair, and e = r_ij / |r_ij|. Viscous heating uses the full relative velocity of the pair.
 
 (1-4): Springel & Hernquist 2002; Price 2012, eqs. 10, 27, 30, 36. (5): Monaghan 1997, with the mean of the two
 kernels' gradients; Balsara 1995 multiplies it by f = |div v| / (|div v| + |curl v| + 1e-4 c/h). (6): Frontiere,
@@ -19,9 +19,9 @@ Raskin & Owen 2017 and Rosswog 2020, with the harmonic mean of both slopes as li
 gradient of Garcia-Senz, Cabezon & Escartin 2012, exact for linear flows, which hence have no viscosity. Conduction:
 Price 2008, eq. 28. Shear viscosity nu: eq. (1) of `effects/alpha_viscosity.py`.
 
-All sums gather: each particle sums over its own neighbours, in a fixed order. They are therefore bitwise the same on
-any number of threads. Candidates of a cell are packed once (`packs.py`). The sums of (1), (2) and (7) are in
-`density.py`.
+Each particle sums over its own neighbours, in a fixed order, so that results are bitwise the same on any number of
+threads. The data of a cell's candidates are packed once for all its members, the particles of the cell (`packs.py`).
+The sums of (1), (2) and (7) are in `density.py`.
 """
 
 import functools
@@ -30,8 +30,7 @@ from typing import NamedTuple
 
 from discsim.jit.decorators import inline_sums, jit, jit_sums
 from discsim.jit.index import index
-from discsim.kernels.common.candidates import pack_positions, per_slab, window
-from discsim.kernels.common.neighbours import LANES, whole
+from discsim.kernels.common.candidates import LANES, find_window, pack_positions, padded_count, slabs_per_length
 from discsim.kernels.common.simd import prefetch
 from discsim.kernels.sph.packs import (
     CHUNK,
@@ -58,42 +57,39 @@ from discsim.kernels.sph.packs import (
     R,
     X,
     Y,
-    all_of,
     clear,
-    inverse_root,
+    inverse_sqrt,
 )
-from discsim.kernels.sph.smoothing import NORM, SQUEEZED, factors, terms
+from discsim.kernels.sph.smoothing import NORM, SQUEEZED, scaled_shape, shape_factors
 
-# Where a light particle sits on a heavy one, its kernel is narrow and the density of the other low. The product of the
-# pair's means of 1 / rho and of grad W is then much larger than the mean of grad W / rho, and no time step resolves
-# viscosity and conduction. They have at most MOST_UNEVEN times that mean. Even gas has 1; equal masses need no bound.
+# Viscosity and conduction of a pair contain the mean of 1 / rho times the mean of grad W. Where a light particle is
+# very close to a heavy one, the kernel of the light one is narrow, and the density of the heavy one is low. The product
+# is then much larger than the mean of grad W / rho, and no time step resolves it. It is limited to MOST_UNEVEN times
+# the mean of grad W / rho. Their ratio is 1 in even gas, and equal masses need no limit.
 MOST_UNEVEN = 4.0
 NO_VISCOSITY, APPROACHING, ALL_PAIRS, RECONSTRUCTED = range(4)
-# Factors 1/2 of the means over a pair, taken out of the sums.
+# Factors 1/2 of the means over a pair, which are taken out of the sums.
 ALPHA, BETA = 1.0 / 16.0, 1.0 / 8.0
 
 
 class Strengths(NamedTuple):
-    """Coefficients of dissipation and of its time-step limit.
+    """Coefficients of dissipation and of the time-step limit."""
 
-    beta of artificial viscosity; alpha of conductivity; `signal` and `closing` multiply c_s / h and -div v in the
-    limit; `shear`, 2 d / <q^2> of the kernel, multiplies shear viscosity.
-    """
-
-    beta: float
-    conductivity: float
-    signal: float
-    closing: float
-    shear: float
+    beta: float  # of artificial viscosity
+    conductivity: float  # alpha of artificial conductivity
+    signal: float  # factor of c_s / h in the rate that limits the step
+    closing: float  # factor of -div v in this rate
+    shear: float  # 2 d / <q^2> of the kernel, a factor of shear viscosity
 
 
 @jit
-def force_columns(
+def write_force_columns(
     first, last, given, found, pressure, sound, u, nu, viscous, energetic, conductive, alpha, scale, order, columns
 ):  # fmt: skip
-    """Write to `columns` (n, 8, 11 or 14) the data of each particle that the force sums read, in cell `order`.
+    """Write to `columns` (n, c), in cell order, the data of each particle that the force sums read.
 
-    The data are in units of `scale`. nu (n,): shear viscosity, without entries if there is none.
+    c is 8, 11 or 14 (see `packs.py`). The data are in units of `scale`. given, found: input and results of the density
+    pass. alpha: of artificial viscosity. nu (n,): shear viscosity; empty if there is none.
     """
     vel, mass, h, rho, gradh, div, curl = given.vel, given.mass, found.h, found.rho, found.gradh, found.div, found.curl
     dim = vel.shape[1]
@@ -122,15 +118,15 @@ def force_columns(
 
 
 @inline_sums
-def pack_columns(dim, moving, viscous, conductive, shearing, slots, norm, frame, columns, pack):
-    """Pack the data of the candidates `slots` that the sums of a scene read.
+def pack_columns(dim, moving, viscous, conductive, shearing, indices, norm, frame, columns, pack):
+    """Write to `pack` the data of the candidates `indices` that the force sums of a scene read.
 
-    h is in the unit, and velocities are relative to that, of their cell's `frame` (unit, ux, uy).
+    frame: (unit, ux, uy) of the cell: the unit of h in the pack, and the velocity that is subtracted.
     """
     unit, ux, uy = frame
-    count, norm = index(len(slots)), norm / unit ** (dim + 1)
+    count, norm = index(len(indices)), norm / unit ** (dim + 1)
     for k in range(count):
-        j = index(slots[k])
+        j = index(indices[k])
         m, inv_h = columns[j, MASS], columns[j, INV_H] * unit
         pack[MASS * STRIDE + k], pack[INV_H * STRIDE + k] = m, inv_h
         pack[NORM_H * STRIDE + k] = m * norm * (inv_h * inv_h * inv_h if dim == 2 else inv_h * inv_h)
@@ -149,49 +145,53 @@ def pack_columns(dim, moving, viscous, conductive, shearing, slots, norm, frame,
             pack[ENERGY * STRIDE + k], pack[P * STRIDE + k] = columns[j, ENERGY], columns[j, P]
         if shearing:
             pack[FLUIDITY * STRIDE + k] = columns[j, FLUIDITY]
-    for k in range(count, index(whole(len(slots)) + LANES)):  # padding of windows and `all_of`
+    for k in range(count, index(padded_count(len(indices)) + LANES)):  # padding that windows may reach
         pack[MASS * STRIDE + k], pack[NORM_H * STRIDE + k] = 0.0, 0.0
 
 
 @inline_sums
-def fetch_columns(begin, slots, columns):
-    """Prefetch the data of the next cell's candidates for `pack_columns`.
+def prefetch_columns(begin, indices, columns):
+    """Prefetch the rows of `columns` of the next cell's candidates, for `pack_columns`.
 
-    `begin` starts at the next cell, if there is one.
+    begin: beginnings of the candidate lists in `indices`, from the next cell on. It has one entry if there is no next
+    cell.
     """
     if len(begin) > 1:
         for k in range(index(begin[0]), index(begin[1])):
-            prefetch(columns, slots[k] * index(columns.shape[1]))
+            prefetch(columns, indices[k] * index(columns.shape[1]))
 
 
 @inline_sums
 def pack_distances(single, x, y, n, pack):
-    """Pack the distances of n candidates from (x, y), and their inverses."""
+    """Write to `pack` the distances of its n candidates from (x, y), and the inverse distances."""
     real = pack.dtype.type
     x, y = real(x), real(y)
     for k in range(n):
         dx, dy = x - pack[X * STRIDE + k], y - pack[Y * STRIDE + k]
         r2 = dx * dx + (dy * dy + NEAREST2)
-        inv_r = inverse_root(single, r2)
+        inv_r = inverse_sqrt(single, r2)
         pack[INV_R * STRIDE + k] = inv_r
         pack[R * STRIDE + k] = r2 * inv_r
 
 
 @inline_sums
 def pack_gradients(kernel, dim, inv_h, n, pack):
-    """Pack dW/dr by both kernels of each pair, without norms, which the sums apply."""
+    """Write to `pack` dW/dr of both kernels of each pair: with 1/h `inv_h` of the particle, and of the candidate.
+
+    Masses are included. The norm is included only in the candidate's; the sums apply the other.
+    """
     inv_h = pack.dtype.type(inv_h)
     for k in range(n):
         r = pack[R * STRIDE + k]
-        _, own, _ = terms(kernel, dim, r * inv_h)
-        _, other, _ = terms(kernel, dim, r * pack[INV_H * STRIDE + k])
+        _, own, _ = scaled_shape(kernel, dim, r * inv_h)
+        _, other, _ = scaled_shape(kernel, dim, r * pack[INV_H * STRIDE + k])
         pack[OWN * STRIDE + k] = own * pack[MASS * STRIDE + k]
         pack[OTHER * STRIDE + k] = other * pack[NORM_H * STRIDE + k]
 
 
 @inline_sums
-def widened(uneven, own, other, inv_rho_i, inv_rho_j):
-    """Return the sum of q^2 dW/dr by both kernels of a pair, `own` and `other`, bounded for unequal masses."""
+def bounded_sum(uneven, own, other, inv_rho_i, inv_rho_j):
+    """Return own + other, terms by the two kernels of a pair; if masses are `uneven`, limited as by MOST_UNEVEN."""
     if uneven:
         return max(own + other, MOST_UNEVEN * (inv_rho_i * own + inv_rho_j * other) / (inv_rho_i + inv_rho_j))
     return own + other
@@ -199,21 +199,16 @@ def widened(uneven, own, other, inv_rho_i, inv_rho_j):
 
 @inline_sums
 def harmonic(a, b):
-    """Return the harmonic mean 2 a b / (a + b) of two slopes, 0 where their signs differ: the limiter of eq. (6)."""
+    """Return the limiter of eq. (6): the harmonic mean 2 a b / (a + b) of two slopes, 0 where their signs differ."""
     return 2.0 * a * b / (a + b) if a * b > 0.0 else 0.0
 
 
 @inline_sums
-def packed_slopes(viscous, i, unit, columns, real):
-    """Return slopes xx, 2 xy and yy of the i-th particle in units of a pack; 0 without reconstruction."""
-    if viscous == RECONSTRUCTED:
-        return real(columns[i, SXX] * unit), real(columns[i, SXY] * unit), real(columns[i, SYY] * unit)
-    return real(0.0), real(0.0), real(0.0)
+def limited_jump(viscous, slopes, dx, dy, inv_r, w, k, pack):
+    """Return the relative velocity w of a pair along its separation, reduced by eq. (6) with reconstruction.
 
-
-@inline_sums
-def jump_of(viscous, slopes, dx, dy, inv_r, w, k, pack):
-    """Return the velocity w of a pair along its line, reduced by eq. (6) where velocities are reconstructed."""
+    slopes: xx, 2 xy and yy of the particle, in units of the pack. dx, dy, inv_r: separation. k: candidate in the pack.
+    """
     if viscous != RECONSTRUCTED:
         return w
     xx, xy, yy = dx * dx * inv_r, dx * dy * inv_r, dy * dy * inv_r
@@ -225,9 +220,10 @@ def jump_of(viscous, slopes, dx, dy, inv_r, w, k, pack):
 def force_sums(
     norm, dim, viscous, energetic, conductive, shearing, uneven, x, y, frame, i, columns, strengths, n, pack
 ):  # fmt: skip
-    """Return the sums of the i-th particle in cell order over n packed candidates.
+    """Return five sums of the particle i, in cell order, over n packed candidates.
 
-    These are acceleration, du/dt, divergence and the rate at which conduction relaxes u to that of its neighbours.
+    The sums are acceleration along x and y, du/dt, div v, and the rate at which conduction relaxes u towards that of
+    the neighbours. x, y: position of the particle in the units of the pack. frame: as in `pack_columns`.
     """
     real, inv_h, (unit, ux, uy) = pack.dtype.type, columns[i, INV_H], frame
     norm *= inv_h * inv_h * inv_h if dim == 2 else inv_h * inv_h
@@ -237,7 +233,9 @@ def force_sums(
     u_i, p_i, fluidity = real(0.0), real(0.0), real(columns[i, FLUIDITY]) if shearing else real(0.0)
     if conductive:
         u_i, p_i = real(columns[i, ENERGY]), real(columns[i, P])
-    slopes = packed_slopes(viscous, i, unit, columns, real)
+    slopes = real(0.0), real(0.0), real(0.0)
+    if viscous == RECONSTRUCTED:
+        slopes = real(columns[i, SXX] * unit), real(columns[i, SXY] * unit), real(columns[i, SYY] * unit)
     beta = real(strengths.beta * BETA)
     conducted = real(0.25 * math.sqrt(0.5) * strengths.conductivity)  # with the halves of the means over a pair
     sheared = real(strengths.shear / unit) * inv_rho_i
@@ -257,7 +255,7 @@ def force_sums(
                 if uneven:
                     strength = max(strength, MOST_UNEVEN * (inv_rho_i * norm * own + inv_rho_j * other))  # below 0
             if viscous != NO_VISCOSITY:
-                jump = jump_of(viscous, slopes, dx, dy, inv_r, w, k, pack)
+                jump = limited_jump(viscous, slopes, dx, dy, inv_r, w, k, pack)
                 mu = min(jump, 0.0)
                 felt = mu if viscous == APPROACHING else jump
                 pi = beta * mu * mu - (c_i + pack[SOUND * STRIDE + k]) * felt  # eq. (5)
@@ -267,7 +265,7 @@ def force_sums(
             if shearing:
                 r, inv_mu = pack[R * STRIDE + k], fluidity + pack[FLUIDITY * STRIDE + k]
                 q, q_j = r * inv_h, r * pack[INV_H * STRIDE + k]
-                spread = widened(uneven, norm * own * q * q, other * q_j * q_j, inv_rho_i, inv_rho_j)
+                spread = bounded_sum(uneven, norm * own * q * q, other * q_j * q_j, inv_rho_i, inv_rho_j)
                 stress = sheared * inv_rho_j / inv_mu * spread * inv_r * w
                 force -= stress
                 heat -= 0.5 * stress * w
@@ -285,14 +283,14 @@ def force_sums(
 
 
 @inline_sums
-def most(a, b):
-    """Return the larger of two numbers, or NaN where either is NaN."""
+def larger_or_nan(a, b):
+    """Return the larger of two numbers, or NaN if either is NaN."""
     return a if a >= b or a != a else b
 
 
 @inline_sums
-def add(found, sums):
-    """Add five sums over some candidates to those of a particle."""
+def add_sums(found, sums):
+    """Add the results `found` of `force_sums` to `sums` (5,)."""
     sums[0] += found[0]
     sums[1] += found[1]
     sums[2] += found[2]
@@ -301,11 +299,16 @@ def add(found, sums):
 
 
 @inline_sums
-def write_sums(own, members, dim, energetic, columns, sums, sound, still, squeezed, strengths, units, order, acc, rate):
-    """Add a cell's sums to `acc` and `rate`; return the largest rates for the time-step limit, in units of the pack.
+def add_cell_sums(
+    own, members, dim, energetic, columns, sums, sound, still, squeezed, strengths, units, order, acc, rate
+):  # fmt: skip
+    """Add the sums of a cell's particles to `acc` (n, d) and `rate` (n,), and return three rates that limit the step.
 
-    These are the rate at which h is crossed, the fourth power of that of free fall through h, |a|^2 / h^2, and the
-    rate of conduction.
+    own: index of the first particle of the cell in cell order. still (n,): particles whose acceleration does not limit
+    the step; may be empty. units: of acceleration and heating in the pack, and 1 over that of speed.
+
+    The results are maxima over the cell, in units of the pack: the rate at which h is crossed, the fourth power of the
+    rate of free fall through h, |a|^2 / h^2, and the rate of conduction.
     """
     of_acc, of_heat, per_speed = units
     crossing, pulling, conduction = 0.0, 0.0, 0.0
@@ -318,8 +321,8 @@ def write_sums(own, members, dim, energetic, columns, sums, sound, still, squeez
             rate[i] += of_heat * found[2]
         closing = strengths.closing * max(0.0, -found[3])
         pulled = (found[0] * found[0] + found[1] * found[1]) * inv_h * inv_h
-        crossing = most(crossing, sound[i] * per_speed * strengths.signal * inv_h + closing)
-        pulling = most(pulling, 0.0 if len(still) > 0 and still[i] else pulled)
+        crossing = larger_or_nan(crossing, sound[i] * per_speed * strengths.signal * inv_h + closing)
+        pulling = larger_or_nan(pulling, 0.0 if len(still) > 0 and still[i] else pulled)
         conduction = max(conduction, found[4])
     return crossing, pulling, conduction
 
@@ -328,45 +331,51 @@ def write_sums(own, members, dim, energetic, columns, sums, sound, still, squeez
 def force_driver(
     kernel: int, dim: int, viscous: int, energetic: bool, conductive: bool, shearing: bool, uneven: bool, single: bool
 ):  # fmt: skip
-    """Compile the loop over eqs. (3-5), without the terms that the scene lacks.
+    """Return the kernel that computes eqs. (3-5), with only the terms that a scene has.
 
-    uneven: masses may differ. single: packs are of single precision. The loop adds to `acc` (n, d) and, for gas with
-    energy, to `rate` (n,). It processes the cells whose `met` equals `now`. It returns the largest rates of crossing
-    h, signal c_s / h + closing max(0, -div v), of falling through h, sqrt(|a| / h), and of conduction.
+    viscous: kind of artificial viscosity. energetic, conductive, shearing: whether gas has an energy, artificial
+    conductivity, and shear viscosity. uneven: whether masses may differ. single: whether packs are of single precision.
+
+    The kernel adds to `acc` (n, d) and, for gas with an energy, to du/dt in `rate` (n,). It processes the cells
+    filled[first:last] whose entry of `marked` equals `wanted`. part: candidate lists, and `Scratch`. It returns the
+    largest rates of crossing h, signal c_s / h + closing max(0, -div v), of falling through h, sqrt(|a| / h), and of
+    conduction.
     """
-    moving, norm = viscous != NO_VISCOSITY or energetic or shearing, NORM[dim - 1][kernel] * factors.py_func(kernel)[1]
+    moving = viscous != NO_VISCOSITY or energetic or shearing
+    norm = NORM[dim - 1][kernel] * shape_factors.py_func(kernel)[1]
     squeezed = SQUEEZED[kernel]
 
     @jit_sums
-    def forces(first, last, part, columns, sound, still, acc, rate, strengths, scale, cells, met, now):
+    def forces(first, last, part, columns, sound, still, acc, rate, strengths, scale, cells, marked, wanted):
         order, start, bounds = cells.order, cells.start, cells.bounds
         lists, work = part
-        begin, slots, pack, sums = lists.begin, lists.slots, work.pack, work.sums
+        begin, indices, pack, sums = lists.begin, lists.indices, work.pack, work.sums
         cx, cy = pack[X * STRIDE :], pack[Y * STRIDE :]
         of_rate = scale.speed / scale.length
         units = scale.speed * of_rate, scale.speed * scale.speed * of_rate, 1.0 / scale.speed
         crossing, pulling, conduction = 0.0, 0.0, 0.0
         for c in range(first, last):
             cell = cells.filled[c]
-            if met[cell] != now:
+            if marked[cell] != wanted:
                 continue
             ox, oy, per_unit, own = bounds[cell, 0], bounds[cell, 1], 1.0 / bounds[cell, 4], start[cell]
             ux, uy = (columns[own, VX], columns[own, VY]) if moving else (0.0, 0.0)
             unit, members = bounds[cell, 4] / scale.length, start[cell + 1] - own
-            frame, per_length = (unit, ux, uy), per_slab(bounds[cell, 2], bounds[cell, 4])
+            frame, per_length = (unit, ux, uy), slabs_per_length(bounds[cell, 2], bounds[cell, 4])
             clear(sums, members)
-            fetch_columns(begin[c - first + 1 :], slots, columns)
+            prefetch_columns(begin[c - first + 1 :], indices, columns)
             for listed in range(begin[c - first], begin[c - first + 1], CHUNK):
                 end = min(listed + CHUNK, begin[c - first + 1])
                 pack_positions(c - first, listed, end, lists, ox, oy, per_unit, cells, cx, cy)
-                pack_columns(dim, moving, viscous, conductive, shearing, slots[listed:end], norm, frame, columns, pack)
+                some = indices[listed:end]
+                pack_columns(dim, moving, viscous, conductive, shearing, some, norm, frame, columns, pack)
                 for p in range(members):
                     k = own + p
                     x, y = (cells.x[k] - ox) * per_unit, (cells.y[k] - oy) * per_unit
-                    near, n = 0, all_of(end - listed)
+                    near, n = 0, padded_count(end - listed)
                     if not single:
-                        reach = max(cells.radius[k], lists.widest[c - first])
-                        near, n = window(c - first, cells.x[k] - ox, reach, per_length, listed, end, lists)
+                        reach = max(cells.radius[k], lists.largest_radius[c - first])
+                        near, n = find_window(c - first, cells.x[k] - ox, reach, per_length, listed, end, lists)
                     seen = pack[near:]
                     pack_distances(single, x, y, n, seen)
                     pack_gradients(kernel, dim, columns[k, INV_H] * unit, n, seen)
@@ -374,11 +383,11 @@ def force_driver(
                         norm, dim, viscous, energetic, conductive, shearing, uneven, x, y, frame, k, columns,
                         strengths, n, seen,
                     )  # fmt: skip
-                    add(found, sums[p])
-            crossed, pulled, passed = write_sums(
+                    add_sums(found, sums[p])
+            crossed, pulled, passed = add_cell_sums(
                 own, members, dim, energetic, columns, sums, sound, still, squeezed, strengths, units, order, acc, rate
             )
-            crossing, pulling = most(crossing, crossed), most(pulling, pulled)
+            crossing, pulling = larger_or_nan(crossing, crossed), larger_or_nan(pulling, pulled)
             conduction = max(conduction, passed)
         return of_rate * crossing, of_rate * math.sqrt(math.sqrt(pulling)), of_rate * conduction
 

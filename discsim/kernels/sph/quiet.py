@@ -1,6 +1,7 @@
-"""Loops of quiet gas: densities that follow the flow, sums over rings, and the push of a ring's mean pressure.
+"""Loops of quiet gas: densities that are advanced with the flow, sums over rings, and the mean pressure of rings.
 
-Equations are those of `effects/quiet.py`.
+Quiet gas has the pressure forces of a smooth density, without the noise of SPH sums. Equation numbers are those of
+`effects/quiet.py`.
 """
 
 import math
@@ -9,48 +10,55 @@ import numpy as np
 
 from discsim.jit.decorators import jit
 
-MASS, NUMBER, FIRST, SECOND = range(4)  # rows of ring sums: mass, number, ln(r P / c_s^2) and its square
-# Gas compressed faster than ONSET / 2 c_s/h is in a shock, fully from (ONSET + 1) / 2 c_s/h on. Its density
-# relaxes to the summed one at the rate FAST c_s/h, and behind the shock this rate decays over LASTING h/c_s.
+MASS, NUMBER, FIRST, SECOND = range(4)  # rows of ring sums: mass, number, ln(r P / c_s^2) and the square of this ln
+# Gas that is compressed at a rate above (ONSET / 2) c_s/h is in a shock; the strength of the shock, from 0 to 1, is 1
+# above ((ONSET + 1) / 2) c_s/h. In a shock the followed density relaxes to the SPH density at the rate FAST c_s/h times
+# this strength. Behind the shock the strength decays over LASTING h/c_s.
 ONSET, FAST, LASTING = 0.3, 10.0, 5.0
-FARTHEST = 3.0  # largest factor between followed and summed density; its ln has a scatter of 0.24 in sheared gas
+# Largest factor between the followed and the SPH density. The ln of their ratio has a scatter of 0.24 in sheared gas.
+FARTHEST = 3.0
 
 
 @jit
-def follow(
-    first, last, time, memory, omega, slopes, density, pressure, sound, inv_size, followed, divergence, shock, at
+def follow_density(
+    first, last, time, memory, omega, slopes, density, pressure, sound, inv_size, followed, divergence, shock, updated
 ):  # fmt: skip
-    """Advance the densities `followed` (n,) by eq. (1), and scale `pressure` (n,) to them.
+    """Advance the densities `followed` (n,) by eq. (1) to `time`, and scale `pressure` (n,) to these densities.
 
-    The densities are of the times `at` (n,) before, and of `time` afterwards. A density of 0 starts as the summed
-    one. The velocity gradient of a particle with few neighbours is noise. A density lowered by this noise gives a
-    stronger push, and the push a larger divergence. The factor FARTHEST stops this runaway.
+    memory: tau Omega. omega (n,): orbital frequencies. slopes (n, 3): velocity gradients, xx, xy and yy. density (n,):
+    SPH densities. inv_size (n,): 1 / h. A particle with followed = 0 starts with its SPH density. Also changed in
+    place, and needed for the next call: `divergence` of the velocity, strength of the `shock`, and `updated`, the time
+    of the followed density, (n,) each.
 
-    memory: tau Omega. omega, inv_size (n,): orbital frequencies and 1 / h. slopes (n, 3): of the velocity.
+    The velocity gradient of a particle with few neighbours is noise. Noise that lowers a density enlarges the
+    acceleration by the pressure, and this acceleration enlarges the divergence. The factor FARTHEST stops this runaway.
     """
     for i in range(first, last):
-        div, dt, crossing = slopes[i, 0] + slopes[i, 2], time - at[i], sound[i] * inv_size[i]
-        seen, new = min(max(-2.0 * div / crossing - ONSET, 0.0), 1.0), density[i]
+        div, dt, crossing = slopes[i, 0] + slopes[i, 2], time - updated[i], sound[i] * inv_size[i]
+        strength, new = min(max(-2.0 * div / crossing - ONSET, 0.0), 1.0), density[i]
         if followed[i] > 0.0:
-            seen = max(shock[i] * math.exp(-dt / LASTING * crossing), seen)
+            strength = max(shock[i] * math.exp(-dt / LASTING * crossing), strength)
             ln = math.log(followed[i]) - 0.5 * dt * (divergence[i] + div)
-            ln -= (math.log(density[i]) - ln) * math.expm1(-dt * (omega[i] / memory + FAST * seen * crossing))
+            ln -= (math.log(density[i]) - ln) * math.expm1(-dt * (omega[i] / memory + FAST * strength * crossing))
             new = min(max(math.exp(ln), density[i] / FARTHEST), density[i] * FARTHEST)
         pressure[i] *= new / density[i]
-        followed[i], divergence[i], shock[i], at[i] = new, div, seen, time
+        followed[i], divergence[i], shock[i], updated[i] = new, div, strength, time
 
 
 @jit
-def ring_sums(first, last, count, at, mass, pressing, radius, units):
-    """Return sums (4, count) over particles at the positions `at` (n,) of `count` rings, as integers in `units` (4,).
+def ring_sums(first, last, count, at, mass, pressure_per_c2, radius, units):
+    """Return four sums (4, count) over the particles of each of `count` rings, as integers.
 
-    The rows are masses, numbers, ln(r P / c_s^2) and its square. Each particle is spread over three rings (TSC).
-    pressing (n,): P / c_s^2.
+    The rows sum the mass, the number, ln(r P / c_s^2), and the square of this logarithm. Each term is multiplied by the
+    entry of `units` (4,) and cut to an integer, so that sums do not depend on the order. A particle is spread over
+    three rings (TSC).
+
+    at (n,): ring coordinate of each particle; ring k is at coordinate k. pressure_per_c2 (n,): P / c_s^2.
     """
     rings = np.zeros((4, count), np.int64)
     for i in range(first, last):
         middle = math.floor(at[i] + 0.5)
-        d, value = at[i] - middle, math.log(pressing[i] * radius[i])
+        d, value = at[i] - middle, math.log(pressure_per_c2[i] * radius[i])
         for k in range(-1, 2):
             weight = 0.75 - d * d if k == 0 else 0.5 * (0.5 + k * d) ** 2
             rings[MASS, middle + k] += np.int64(weight * mass[i] * units[MASS])
@@ -61,14 +69,15 @@ def ring_sums(first, last, count, at, mass, pressing, radius, units):
 
 
 @jit
-def push(first, last, pos, at, stretch, density, coefficients, pressure, acc):
-    """Subtract the ring's pressure B from `pressure` (n,) and add its push to `acc` (n, 2), eqs. (2, 3).
+def replace_ring_pressure(first, last, pos, at, stretch, density, coefficients, pressure, acc):
+    """Subtract the mean pressure B of the rings from `pressure` (n,), and add its acceleration to `acc` (n, 2).
 
-    coefficients (4, count): of the cubics between rings, highest power first. stretch (n,): d(at)/dr over r.
+    The acceleration is -grad B / density, eqs. (2, 3). at (n,): ring coordinate of each particle. stretch (n,):
+    (d at / dr) / r. coefficients (4, intervals): cubics that interpolate B between rings, highest power first.
     """
-    most = coefficients.shape[1] - 1
+    last_interval = coefficients.shape[1] - 1
     for i in range(first, last):
-        k = min(max(int(at[i]), 0), most)
+        k = min(max(int(at[i]), 0), last_interval)
         d = at[i] - k
         a, b, c, e = coefficients[0, k], coefficients[1, k], coefficients[2, k], coefficients[3, k]
         pressure[i] -= ((a * d + b) * d + c) * d + e

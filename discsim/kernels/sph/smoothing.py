@@ -13,23 +13,23 @@ from discsim.jit.decorators import inline_sums
 CUBIC, QUINTIC, QUINTIC_H, WENDLAND_C2, WENDLAND_C4 = range(5)
 KERNELS = {name: code for code, name in enumerate(SMOOTHING)}
 
-# By kernel: radius of the support in h; h over that of the same kernel in the usual units; <q^2>; sigma in one and in
-# two dimensions.
+# For each kernel: radius of the support in h; h over the usual h of the same kernel, which differs for
+# "quintic-h"; and <q^2>. NORM[dim - 1] is sigma for each kernel.
 SUPPORT = tuple(kernel.support for kernel in SMOOTHING.values())
 SQUEEZED = tuple(kernel.squeezed for kernel in SMOOTHING.values())
 MEAN_Q2 = tuple(kernel.mean_q[1] for kernel in SMOOTHING.values())
 NORM = tuple(tuple(kernel.norm[dim] for kernel in SMOOTHING.values()) for dim in (0, 1))
 
 
-# Factors of the values of `cubic` in w(q), dw/dq and d2w/dq2.
+# w(q), dw/dq and d2w/dq2 of the cubic kernel are the values that `cubic` returns, times these factors.
 CUBIC_FACTORS = 0.25, -0.75, 1.5
 
 
 @njit(inline="always")
 def cubic(q):
-    """Return w(q), dw/dq and d2w/dq2 over CUBIC_FACTORS.
+    """Return w(q), dw/dq and d2w/dq2 of the cubic kernel, each divided by its entry of CUBIC_FACTORS.
 
-    These are (2 - q)^k - 4 (1 - q)^k for k = 3, 2, 1, with powers of negative numbers set to 0.
+    The results are (2 - q)^k - 4 (1 - q)^k for k = 3, 2, 1, with powers of negative numbers set to 0.
     """
     a, b = max(0.0, 2.0 - q), max(0.0, 1.0 - q)
     a2, b2 = a * a, 4.0 * b * b
@@ -38,7 +38,7 @@ def cubic(q):
 
 @njit(inline="always")
 def shape(kernel, dim, q):
-    """Return w(q) and dw/dq. `kernel` and `dim` are compile-time constants: one branch is compiled."""
+    """Return w(q) and dw/dq of a kernel. `kernel` and `dim` are compile-time constants, so one branch is compiled."""
     if kernel == CUBIC:
         w, dw, _ = cubic(q)
         return CUBIC_FACTORS[0] * w, CUBIC_FACTORS[1] * dw
@@ -61,8 +61,8 @@ def shape(kernel, dim, q):
 
 
 @njit(inline="always")
-def bend(kernel, dim, q):
-    """Return d2w/dq2."""
+def curvature(kernel, dim, q):
+    """Return the second derivative d2w/dq2 of a kernel."""
     if kernel == CUBIC:
         _, _, ddw = cubic(q)
         return CUBIC_FACTORS[2] * ddw
@@ -81,14 +81,18 @@ def bend(kernel, dim, q):
 
 
 @inline_sums
-def terms(kernel, dim, q):
-    """Return w(q), dw/dq and d2w/dq2 over `factors(kernel)`, which the caller applies to its sums at the end."""
+def scaled_shape(kernel, dim, q):
+    """Return w(q), dw/dq and d2w/dq2, each divided by its entry of `shape_factors(kernel)`.
+
+    Callers multiply their sums by these factors at the end.
+    """
     if kernel == CUBIC:
         return cubic(q)
     w, dw = shape(kernel, dim, q)
-    return w, dw, bend(kernel, dim, q)
+    return w, dw, curvature(kernel, dim, q)
 
 
 @inline_sums
-def factors(kernel):
+def shape_factors(kernel):
+    """Return the factors by which sums of `scaled_shape` are multiplied."""
     return CUBIC_FACTORS if kernel == CUBIC else (1.0, 1.0, 1.0)
