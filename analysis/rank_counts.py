@@ -21,13 +21,13 @@ from discsim.kernels.mpi.halo import EITHER, mark_blocks, mark_cells
 from discsim.numerics.grid import BORDER, Grid
 from discsim.numerics.neighbours import keys_in
 from discsim.numerics.poisson import ROWS
-from discsim.numerics.world import Needed
-from discsim.ranks.drag import numbers_of
-from discsim.ranks.exchange import runs_of
+from discsim.numerics.world import NeededCells
+from discsim.ranks.drag import leaf_number_ranges
+from discsim.ranks.exchange import needed_ranges
 from discsim.ranks.gravity import Nodes, nodes_of_slab_rows
-from discsim.ranks.shares import Share
+from discsim.ranks.slabs import RankRanges
 from discsim.ranks.sph import HALO
-from discsim.ranks.windows import Windows, no_nodes
+from discsim.ranks.windows import Windows, empty_node_ranges
 
 Array = np.ndarray
 AT_ONCE = 256  # ranks of which the rows of windows are at hand: of thousands, on a fine grid, they take gigabytes
@@ -84,7 +84,7 @@ def blocks_of_drag(sim: Simulation) -> Cells:
     def mark(mine: Array, out: Array) -> None:
         mark_blocks(mine[mine < len(blocks.level)], home, about, near, engine.scheme.rings, out)
 
-    return Cells(keys, numbers_of(blocks, lattice), mark)
+    return Cells(keys, leaf_number_ranges(blocks, lattice), mark)
 
 
 def rows_of_cells(cells: Cells, owners: dict[str, Array], ranks: int) -> tuple[dict[str, csr_array], dict[str, Array]]:
@@ -101,7 +101,7 @@ def rows_of_cells(cells: Cells, owners: dict[str, Array], ranks: int) -> tuple[d
         needed[mine] = True
         cells.mark(mine, needed)
         marked.append(np.flatnonzero(needed))
-        runs.append(len(runs_of(Needed(needed, *cells.numbers))))
+        runs.append(len(needed_ranges(NeededCells(needed, *cells.numbers))))
     start = np.cumsum([0, *map(len, marked)])
     needs = csr_array((np.ones(start[-1]), np.concatenate(marked), start), (ranks, cells.count))
     rows = {name: _of_others(needs @ each) for name, each in held.items()}
@@ -124,10 +124,10 @@ def nodes_about(grid: Grid, pos: Array) -> tuple[Array, Array]:
 
 def rows_of_nodes(nodes: Nodes, pos: Array, owner: Array, ranks: int) -> tuple[csr_array, Array, Array]:
     """Rows that each rank needs to sum its nodes, and where the first nodes about these and own ones are, as
-    `Windows.about` takes it.
+    `Windows.from_node_ranges` takes it.
     """
     low, on = nodes_about(nodes.grid, pos)
-    ends, bands = no_nodes(nodes.grid, ranks)
+    ends, bands = empty_node_ranges(nodes.grid, ranks)
     rows = csr_array((ranks, ranks))
     tiles, whose = nodes.tiles, nodes.owner
     needing = np.stack([whose[tiles[0][low[:, 0] + i], tiles[1][low[:, 1] + j]] for i in (0, 1) for j in (0, 1)])
@@ -148,13 +148,13 @@ def of_windows(windows: Windows, grid: Grid, ranks: int) -> tuple[dict[str, Sent
     """Bytes of density and potential, and the nodes (ranks,) that each has the potential of."""
     border = 0 if grid.periodic else BORDER
     count = grid.shape[0] + 2 * border
-    edges = np.array(Share.of(count, ROWS, ranks).edges)
+    edges = np.array(RankRanges.divide(count, ROWS, ranks).edges)
     out = {}
     for name, size in (("density", grid.shape[0]), ("potential", count)):
         rows = nodes_of_slab_rows(np.arange(size), grid.shape[0], border)
         of_slabs, window = np.empty((ranks, ranks)), np.empty(ranks, np.int64)
         for some in np.array_split(np.arange(ranks), -(-ranks // AT_ONCE)):
-            begin, end = windows.columns(slice(some[0], some[-1] + 1), rows, ring=name == "potential")
+            begin, end = windows.column_ranges(slice(some[0], some[-1] + 1), rows, ring=name == "potential")
             until = np.append(np.zeros((len(some), 1), np.int64), np.cumsum(end - begin, axis=1), axis=1)
             of_slabs[some] = 8 * np.diff(until[:, np.minimum(edges, size)], axis=1)
             window[some] = until[:, -1]
@@ -172,9 +172,10 @@ class Divided(NamedTuple):
     @classmethod
     def of(cls, sim: Simulation, ranks: int, parts: int = 0) -> Divided:
         """`parts`: of which each rank has some in turn (`rank_cut.py`)."""
-        division = division_of(parts)(sim.scene, SimpleNamespace(size=ranks, rank=0))
+        comm = SimpleNamespace(size=ranks, rank=0, allreduce=lambda values, _: values)
+        division = division_of(parts)(sim.scene, comm)
         species = sim.state.species
-        division.cut(species, whole=True)
+        division.rebalance(species)
         return cls(division, {name: division.owner[division.tile_of(p.pos)] for name, p in species.items()})
 
 
@@ -185,12 +186,12 @@ def of_nodes(sim: Simulation, cut: Divided, cells: int | None = None) -> tuple[d
     ranks, grid, rows = cut.division.comm.size, sim.state.grid, {}
     if cells is not None:
         grid = Grid(grid.origin, grid.cell * grid.shape[0] / cells, (cells, cells), grid.periodic)
-    nodes, (ends, bands) = Nodes(grid, cut.division), no_nodes(grid, ranks)
+    nodes, (ends, bands) = Nodes(grid, cut.division), empty_node_ranges(grid, ranks)
     for name, p in sim.state.species.items():
         rows[f"grid {name}"], *found = rows_of_nodes(nodes, p.pos, cut.owners[name], ranks)
         for both, each in zip((ends, bands), found, strict=True):
             both[:] = np.minimum(both[0], each[0]), np.maximum(both[1], each[1])
-    return rows, *of_windows(Windows.about(ends, bands, 0, grid), grid, ranks)
+    return rows, *of_windows(Windows.from_node_ranges(ends, bands, 0, grid), grid, ranks)
 
 
 def counts_of(sim: Simulation, cut: Divided, gas: Cells, drag: Cells) -> Counts:

@@ -18,12 +18,12 @@ class Interleaved(Division):
 
     parts = 0
 
-    def cut(self, species: dict[str, Any], whole: bool = False) -> bool:
+    def rebalance(self, species: dict[str, Any]) -> bool:
         ranks = self.comm
         self.owner = getattr(self, "part", self.owner)
-        self.comm = SimpleNamespace(size=self.parts, rank=ranks.rank, reduced=getattr(ranks, "reduced", None))
+        self.comm = SimpleNamespace(size=self.parts, rank=ranks.rank, allreduce=ranks.allreduce)
         try:
-            changed = super().cut(species, whole)
+            changed = super().rebalance(species)
         finally:
             self.comm = ranks
         self.part = self.owner  # (tiles,)

@@ -10,7 +10,7 @@ from scipy.sparse import csr_array
 from discsim.kernels.gravity.poisson import TILE
 from discsim.numerics.grid import BORDER
 from discsim.numerics.poisson import ROWS, padded_shape, tiles_of
-from discsim.ranks.shares import Share
+from discsim.ranks.slabs import RankRanges
 
 Array = np.ndarray
 EXCHANGES = ("sph gas", "drag gas", "drag dust", "grid gas", "grid dust")
@@ -39,7 +39,7 @@ def of_transforms(shape: tuple[int, int], periodic: bool, ranks: int) -> tuple[d
     """Bytes of both exchanges between the transforms, and rows of the grid (ranks,) that each transforms."""
     count = shape[0] + (0 if periodic else 2 * BORDER)
     padded, machine = padded_shape(shape, periodic), np.arange(ranks) // PER_MACHINE
-    held, columns = (np.diff(Share.of(*of, ranks).edges) for of in ((count, ROWS), (tiles_of(padded), 1)))
+    held, columns = (np.diff(RankRanges.divide(*of, ranks).edges) for of in ((count, ROWS), (tiles_of(padded), 1)))
     out = {}
     for name, mine, theirs in (("rows to columns", held, columns), ("columns to rows", columns, held)):
         elsewhere = theirs.sum() - np.bincount(machine, theirs)[machine]

@@ -23,19 +23,18 @@ from rank_cut import cut_into
 
 from discsim import Simulation, load_scene
 from discsim.numerics.grid import Grid
-from discsim.ranks.begin import divide
 from discsim.ranks.comm import Comm
 from discsim.ranks.gravity import Nodes
 from discsim.ranks.slabs import AllToAll
-from discsim.ranks.start import begun
-from discsim.ranks.traffic import Sum
+from discsim.ranks.start import begin_on_root, divide
+from discsim.ranks.traffic import CallCost
 
 MAIN = Path(__file__).parents[1] / "setups" / "dusty_disc.toml"
 UNCOUNTED = 2  # steps: they compile, and sort
 STEPS = 8  # none of which sorts; of each part of one the least is told, as other processes may be in the way
 # Methods that belong to other parts of a step than what else gravity does, which goes with the nodes of a window.
 PARTS = {
-    (Nodes, "about"): "grid particles", (Grid, "extent"): "grid particles", (Grid, "deposit"): "grid particles",
+    (Nodes, "sources"): "grid particles", (Grid, "extent"): "grid particles", (Grid, "deposit"): "grid particles",
     (Grid, "pull"): "grid particles", (AllToAll, "gather_second_axis"): "transforms",
     (AllToAll, "gather_first_axis"): "transforms",
 }  # fmt: skip
@@ -81,10 +80,10 @@ def _seconds(begin: Spent, end: Spent) -> tuple[dict[str, float], float]:
 def measure(tables: dict[str, Any], comm: Comm, parts: int = 0) -> list[dict[str, Any]]:
     """Figures of each rank: seconds by part of a step, communication by effect, memory; `parts` as of `rank_cut.py`."""
     given = load_scene(tables)
-    sim = Simulation(given, begun=begun(comm, given, False))
+    sim = Simulation(given, begun=begin_on_root(comm, given, False))
     if comm.size > 1:
         with cut_into(parts):
-            divide(sim, comm, alike=False)
+            divide(sim, comm)
     of_part: Counter[str] = Counter()
 
     def own() -> float:
@@ -101,7 +100,7 @@ def measure(tables: dict[str, Any], comm: Comm, parts: int = 0) -> list[dict[str
 
     for (kind, name), part in PARTS.items():
         setattr(kind, name, timed(getattr(kind, name), part))
-    steps, walls, first = [], [], dict[str, Sum]()
+    steps, walls, first = [], [], dict[str, CallCost]()
     begun_at: list[Spent] = []
 
     def after_step() -> bool:
@@ -118,8 +117,8 @@ def measure(tables: dict[str, Any], comm: Comm, parts: int = 0) -> list[dict[str
 
     with watched() as passes:
         sim.evolve(np.inf, after_step, read_only=True)
-    comm.traffic.fold()
-    sums = {name: each - first.get(name, Sum()) for name, each in comm.traffic.sums.items()}
+    comm.traffic.add_waiting()
+    sums = {name: each - first.get(name, CallCost()) for name, each in comm.traffic.sums.items()}
     told = {
         "gas": sim.gas.count,
         "dust": sim.dust.count,

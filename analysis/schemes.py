@@ -97,7 +97,7 @@ def shock(scheme: str) -> dict:
 
 def blast(scheme: str, stopping_time: float, side: int = 30) -> Simulation:
     """As much dust as gas about a blast; warm gas around, at a Mach number of ten. t_stop in times of the run."""
-    end = sedov.time_at(0.3, 1.0, 2.0)
+    end = sedov.arrival_time(0.3, 1.0, 2.0)
     return Simulation(
         {
             "units": {"system": "code"},

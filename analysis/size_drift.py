@@ -98,7 +98,8 @@ def measure(sim: Simulation) -> Drifts:
             found.append([speed[near & (kind == k)].mean() - of_gas for k in range(len(sizes))])
             stokes = sizes[:, None] / OF_STOKES * r[near]  # Sigma ~ 1/r
             loads = np.repeat(RATIO * shares[:, None], stokes.shape[1], axis=1)
-            exact = nsh.of_populations(stokes, loads, np.full(stokes.shape[1], ASPECT**2))  # eta = (p + q) h^2 / 2
+            scale = np.full(stokes.shape[1], ASPECT**2)  # eta = (p + q) h^2 / 2
+            exact = nsh.velocities_of_populations(stokes, loads, scale)
             theory.append((exact.dust_radial - exact.gas_radial).mean(axis=1))
         return False
 

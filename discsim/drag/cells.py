@@ -223,7 +223,7 @@ def _sums_in_leaves(
     n_gas, n_dust: numbers of local particles in each leaf. key, h (n,): leaf and smoothing length of each local gas
     particle.
     """
-    unit = 2.0 ** (math.frexp(world.processes.most(float(h.max(initial=0.0))))[1] - H_BITS)
+    unit = 2.0 ** (math.frexp(world.processes.max(float(h.max(initial=0.0))))[1] - H_BITS)
     h_sum = np.zeros(len(n_gas))
     kernels.add_in_units(key, h, 1.0 / unit, h_sum)
     n_gas, n_dust, h_sum = ranks.summed(part, n_gas, n_dust, h_sum)

@@ -66,11 +66,11 @@ class Classes:
         if dust.size is None:
             self.of = dust.species
         # A change of the particles or of their sizes makes a new array of sizes.
-        elif world.processes.most(dust.size is not self._sorted):
+        elif world.processes.max(dust.size is not self._sorted):
             self._sorted = dust.size
-            everyone = world.processes.everyone(dust)  # grains of all ranks in serial order, which affects rounding
-            self._divide(self._rows(everyone.of(dust.species), everyone.of(dust.size)))
-            self.of, self.relative = self.of[everyone.own], self.relative[everyone.own]
+            everyone = world.processes.allgather(dust)  # grains of all ranks in serial order, which affects rounding
+            self._divide(self._rows(everyone.with_ghosts(dust.species), everyone.with_ghosts(dust.size)))
+            self.of, self.relative = self.of[everyone.local_rows], self.relative[everyone.local_rows]
 
     def _divide(self, rows: Array) -> None:
         """Divide grains of all ranks with the parameters `rows` (n, 5) into classes."""

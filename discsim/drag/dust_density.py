@@ -68,7 +68,7 @@ def solve_density(particles: DustParticles) -> None:
     """
     sph, guess = particles.sph, particles.h.copy()
     sph.density(particles, np.empty((0, sph.dim)))
-    if not sph.fixed and world.processes.most(bool((particles.h < SMALLEST * guess).any())):
+    if not sph.fixed and world.processes.max(bool((particles.h < SMALLEST * guess).any())):
         particles.h = np.maximum(particles.h, SMALLEST * guess)
         sph.fixed = True
         sph.density(particles, np.empty((0, sph.dim)))

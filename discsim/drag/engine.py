@@ -186,7 +186,7 @@ class Engine:
         lengths = self.width.limited_lengths(gas.pos, gas.h)
         leaf = length
         if leaf is None:
-            h_least = world.processes.least(float(lengths.min(initial=np.inf)))
+            h_least = world.processes.min(float(lengths.min(initial=np.inf)))
             leaf = of_scheme.leaf(scene, number, lambda: float(np.exp(mean(np.log(lengths)))), h_least)
         lattice = cells.lattice_on(state.grid, self.dim, self.width.rounded * leaf, gas.global_count)
         fewest = of_scheme.minimum(scene) if of_scheme.minimum else (1, 0)
@@ -205,6 +205,6 @@ class Engine:
 
     def _new_sph(self) -> Any:
         """Return an object for SPH sums that need no velocities, with the options of the scene."""
-        made = world.processes.sph(sph.Sph, self.scene)
+        made = world.processes.make_sph(sph.Sph, self.scene)
         made.ignore_velocities()
         return made

@@ -50,7 +50,7 @@ def frame_of(species: Mapping[str, Any], mass: float, softening: float, samples:
         return Frame(0.0, 0.0, 0.0, 0.0, np.ones(1))
     chosen = [_sample(samples, name, p) for name, p in species.items()]
     parts = [
-        world.processes.sample(np.column_stack([p.mass[rows], p.pos[rows], p.vel[rows]]), p.global_index, rows)
+        world.processes.gather_sample(np.column_stack([p.mass[rows], p.pos[rows], p.vel[rows]]), p.global_index, rows)
         for p, rows in zip(species.values(), chosen, strict=True)
     ]
     table = np.concatenate(parts)
@@ -99,7 +99,7 @@ def _only_unsorted_changed(known: Sample, ids: Array, every: int) -> bool:
     On several processes this is the case if the array still begins at the same memory address, because sorting makes a
     new array. The sample must also have the power `every`.
     """
-    return known.power == every and world.processes.many and alloc.same_address(known.ids, ids)
+    return known.power == every and world.processes.is_parallel and alloc.same_address(known.ids, ids)
 
 
 def _rows_still_sampled(rows: Array, before: Array, ids: Array, every: int) -> bool:
@@ -108,7 +108,7 @@ def _rows_still_sampled(rows: Array, before: Array, ids: Array, every: int) -> b
     In a serial run, ids can only be removed or sorted. If all `rows` of the new ids hold multiples of `every`, no other
     row does. On several processes the result is False, as particles may have come from another process.
     """
-    if world.processes.many or len(ids) > len(before):
+    if world.processes.is_parallel or len(ids) > len(before):
         return False
     return bool(np.all(rows < len(ids)) and np.all(ids[rows] & every - 1 == 0))
 

@@ -24,12 +24,13 @@ def compensate_losses(gas: Any, width: float, heat: Array) -> None:
     gas: `Particles` of the gas. width: side of the smallest squares whose particles share their losses. heat (n,): heat
     per mass of the local gas.
     """
-    if not world.processes.most(bool((heat + MOST * gas.u < 0.0).any())):
+    if not world.processes.max(bool((heat + MOST * gas.u < 0.0).any())):
         return
-    everyone = world.processes.everyone(gas)
-    whole = everyone.of(heat)
-    compensate_by_neighbours(everyone.of(gas.pos), everyone.of(gas.mass), everyone.of(gas.u), width, whole)
-    heat[:] = whole[everyone.own]
+    everyone = world.processes.allgather(gas)
+    whole = everyone.with_ghosts(heat)
+    pos, mass, u = (everyone.with_ghosts(array) for array in (gas.pos, gas.mass, gas.u))
+    compensate_by_neighbours(pos, mass, u, width, whole)
+    heat[:] = whole[everyone.local_rows]
 
 
 def compensate_by_neighbours(pos: Array, mass: Array, u: Array, width: float, heat: Array) -> None:

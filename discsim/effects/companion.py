@@ -270,7 +270,7 @@ class Effect(base.Effect):
         if companion.accretion_rate is not None:
             numbers = _random_numbers(self.scene.run.seed, state.step + state.earlier, k, p.ids[gone])
             gone = gone[~(numbers >= self._accretion_probability(state, k))]
-        if world.processes.most(len(gone)) > 0:
+        if world.processes.max(len(gone)) > 0:
             masses = accreted_masses(state, name, gone)
             accrete(state, k + 1, name, gone, masses, grows=True, moves=bool(self.orbits.live[k]))
             p.remove(gone)

@@ -149,7 +149,7 @@ class Effect(base.Effect):
                 )
             )  # fmt: skip
             if done == 0:
-                steps = _substeps(2.0 * float(world.processes.most(steepest)) * dt / LONGEST_WALK**2)
+                steps = _substeps(2.0 * float(world.processes.max(steepest)) * dt / LONGEST_WALK**2)
             if dust.immobile is not None:
                 strength[dust.immobile] = 0.0
             lag = 0.0 if drift_rotates_velocities(self.scene) else state.velocity_lag + dt
@@ -228,10 +228,10 @@ class _GasSampler:
         field = np.zeros((len(met.grain_pos), columns))
         parallel_for(
             kernels.gas_driver(effect.sph.kernel, effect.dim), len(met.grain_cells.filled), met.grain_cells, met.cells,
-            met.grain_pos, met.h, met.gas.of(gas.mass), met.gas.of(speed2), field,
+            met.grain_pos, met.h, met.gas.with_ghosts(gas.mass), met.gas.with_ghosts(speed2), field,
             least=neighbours.LEAST, each=met.gas_about,
         )  # fmt: skip
-        return field[met.grains.own]
+        return field[met.grains.local_rows]
 
     def subtract_angular_momentum(
         self, gained: np.ndarray, start: np.ndarray, end: np.ndarray, density: np.ndarray, centre: np.ndarray
@@ -249,12 +249,12 @@ class _GasSampler:
         middle[empty], middle_density[empty] = start[empty], density[empty]
         met = self.gas.neighbours_of(middle, self.state.dust.global_index)
         per_density = np.divide(gained, middle_density, out=np.zeros(len(gained)), where=middle_density != 0.0)
-        vel = met.gas.of(gas.vel)
+        vel = met.gas.with_ghosts(gas.vel)
         parallel_for(
             kernels.recoil_driver(effect.sph.kernel), len(met.cells.filled), met.cells, met.grain_cells, met.pos, met.h,
-            met.grains.of(per_density), centre, vel, least=neighbours.LEAST, each=met.grains_about,
+            met.grains.with_ghosts(per_density), centre, vel, least=neighbours.LEAST, each=met.grains_about,
         )  # fmt: skip
-        gas.vel[:] = vel[met.gas.own]
+        gas.vel[:] = vel[met.gas.local_rows]
 
 
 def _rows(scene: Scene, at: base.GasSamples) -> Iterator[tuple[str, str]]:

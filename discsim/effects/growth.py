@@ -199,7 +199,7 @@ class Effect(base.Effect):
         centre = np.zeros(2) if state.centre is None else state.centre[0]
         met = meeting.GasCells(self.sph, state.gas).neighbours_of(dust.pos, dust.global_index)
         field = self._surroundings(state, met, centre)
-        local = field[met.grains.own]
+        local = field[met.grains.local_rows]
         wanted = np.empty(dust.count)
         r = np.sqrt(((dust.pos - centre) ** 2).sum(axis=1))
         # The kernel skips grains at the centre of the star.
@@ -213,7 +213,7 @@ class Effect(base.Effect):
         self._exchange_mass(state, met, field, wanted)
         # The gas around a slowly growing grain may change within an orbit.
         fastest = max(*rates, float(omega.max(initial=0.0)) * GROWTH_STEP / (2.0 * math.pi))
-        return float(world.processes.most(fastest))
+        return float(world.processes.max(fastest))
 
     def _surroundings(self, state: State, met: GasDustNeighbours, centre: np.ndarray) -> np.ndarray:
         """Return properties (n, COLUMNS) of the gas and dust around each dust particle, including ghost particles.
@@ -224,22 +224,22 @@ class Effect(base.Effect):
         deposit, field = np.empty(len(met.pos)), np.empty((len(met.grain_pos), kernels.COLUMNS))
         parallel_for(
             sums.deposit_driver(self.sph.kernel), len(met.cells.filled), met.cells, met.grain_cells, met.pos, met.h,
-            met.grains.of(dust.mass), deposit, least=neighbours.LEAST, each=met.grains_about,
+            met.grains.with_ghosts(dust.mass), deposit, least=neighbours.LEAST, each=met.grains_about,
         )  # fmt: skip
-        met.gas.refresh(deposit)
+        met.gas.update_ghosts(deposit)
         parallel_for(
             sums.gather_driver(self.sph.kernel), len(met.grain_cells.filled), met.grain_cells, met.cells,
-            met.grain_pos, centre, self._carriers(state, met), met.gas.of(gas.mass / gas.density),
-            met.gas.of(gas.pressure), deposit, field, least=neighbours.LEAST, each=met.gas_about,
+            met.grain_pos, centre, self._carriers(state, met), met.gas.with_ghosts(gas.mass / gas.density),
+            met.gas.with_ghosts(gas.pressure), deposit, field, least=neighbours.LEAST, each=met.gas_about,
         )  # fmt: skip
-        met.grains.refresh(field)
+        met.grains.update_ghosts(field)
         return field
 
     def _carriers(self, state: State, met: GasDustNeighbours) -> Any:
         """Return arrays of the gas particles, which carry the small dust, including ghost particles."""
         gas = state.gas
         mass = gas.mass - gas.small if self.mass_includes_small else gas.mass
-        return sums.CarrierGas(met.pos, *(met.gas.of(array) for array in (gas.vel, gas.h, mass, gas.small)))
+        return sums.CarrierGas(met.pos, *(met.gas.with_ghosts(array) for array in (gas.vel, gas.h, mass, gas.small)))
 
     def _exchange_mass(self, state: State, met: GasDustNeighbours, field: np.ndarray, wanted: np.ndarray) -> None:
         """Exchange mass between dust particles and the small dust of the gas around them.
@@ -248,23 +248,23 @@ class Effect(base.Effect):
         gain; it gains less if the gas around it has too little small dust. Changes masses and velocities of the dust
         and, with two-way drag, of the gas.
         """
-        gas, dust, own = state.gas, state.dust, met.gas.own
+        gas, dust, own = state.gas, state.dust, met.gas.local_rows
         taken, spread = np.empty((2, len(met.pos)))
         got = np.empty((len(met.pos), 3))
         carriers = self._carriers(state, met)
-        wanted, mass, vel = (met.grains.of(array) for array in (wanted, dust.mass, dust.vel))
+        wanted, mass, vel = (met.grains.with_ghosts(array) for array in (wanted, dust.mass, dust.vel))
         parallel_for(
             exchange.exchange_gas_driver(self.sph.kernel),
             len(met.cells.filled), met.cells, met.grain_cells, carriers, vel, field, wanted, taken, spread, got,
             least=neighbours.LEAST, each=met.grains_about,
         )  # fmt: skip
-        met.gas.refresh(spread)
+        met.gas.update_ghosts(spread)
         parallel_for(
             exchange.exchange_dust_driver(self.sph.kernel),
             len(met.grain_cells.filled), met.grain_cells, met.cells, carriers, spread, field, wanted, met.grain_pos,
             mass, vel, least=neighbours.LEAST, each=met.gas_about,
         )  # fmt: skip
-        dust.mass[:], dust.vel[:] = mass[met.grains.own], vel[met.grains.own]
+        dust.mass[:], dust.vel[:] = mass[met.grains.local_rows], vel[met.grains.local_rows]
         taken, got = taken[own], got[own]
         lost = gas.small * taken
         gas.small += got[:, 0] - lost

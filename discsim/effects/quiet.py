@@ -186,7 +186,7 @@ class QuietDisc:
         density = gas.pressure / gas.sound_speed**2  # P / c_s^2
         mass = gas.mass * density / gas.followed
         log = float(np.abs(np.log(density * r)).max(initial=0.0))
-        most = world.processes.most(np.array([mass.max(initial=0.0), 1.0, log, log * log]))
+        most = world.processes.max(np.array([mass.max(initial=0.0), 1.0, log, log * log]))
         units = 2.0 ** (BITS - np.ceil(np.log2(gas.global_count + 1.0)) - np.frexp(most)[1])
         found = parallel_for(kernels.ring_sums, gas.count, count, at, mass, density, r, units, light=True)
         sums = world.processes.sum(sum(found)) / units[:, None]
@@ -215,8 +215,8 @@ def _ring_range(coordinate: Array) -> tuple[float, int]:
 
     coordinate (n,): ring coordinates of local particles. The range of rings has a margin at both ends.
     """
-    least = world.processes.least(coordinate.min(initial=np.inf))
-    most = world.processes.most(coordinate.max(initial=-np.inf))
+    least = world.processes.min(coordinate.min(initial=np.inf))
+    most = world.processes.max(coordinate.max(initial=-np.inf))
     first = np.floor(max(least, most - MAX_RINGS)) - 3.0
     return float(first), int(most - first) + 5
 

@@ -217,7 +217,7 @@ class Effect(base.Effect):
 
         The ledger records their mass and momentum, and a growing star gains their mass.
         """
-        if world.processes.most(len(gone)) == 0:
+        if world.processes.max(len(gone)) == 0:
             return
         mass, pos, vel = particles.mass[gone], particles.pos[gone], particles.vel[gone]
         ledger, masses = state.ledger, accreted_masses(state, name, gone)

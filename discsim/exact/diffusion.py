@@ -8,9 +8,10 @@ The flux vanishes for rho_d ~ rho_g exp(int v dx / D), with D = alpha c_s H / (1
     layer    H_d = H sqrt(alpha / (alpha + St))                                                           (3)
     line     a Gaussian of variance 2 D t                                                                 (4)
 
-(2) has the drift by a pressure P, v = St c_s H / (1 + St^2) d ln P/dx (Dullemond et al. 2018, eqs. 44 to 46). (3) is
-for grains that fall to the midplane of a layer with Omega z t_stop, by the moments of their equation of motion
-(Dubrulle et al. 1995; Youdin & Lithwick 2007), with c_s H that of the gas. (4) is for uniform gas, about the line.
+(2) is for the drift that a pressure P causes, v = St c_s H / (1 + St^2) d ln P/dx (Dullemond et al. 2018, eqs. 44 to
+46). (3) is for grains that fall to the midplane of a layer at the speed Omega^2 z t_stop. It follows from the moments
+of their equation of motion (Dubrulle et al. 1995; Youdin & Lithwick 2007); c_s and H are those of the gas. (4) is for
+grains in uniform gas that start on a line.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ Array = np.ndarray
 
 
 def ring(gas: ArrayLike, pressure: ArrayLike, alpha: float, stokes: float) -> Array:
-    """Return the equilibrium density of dust in a pressure maximum, times an unknown constant, eq. (2).
+    """Return the equilibrium density of dust near a pressure maximum, up to a constant factor, eq. (2).
 
     Parameters
     ----------
@@ -38,7 +39,7 @@ def ring(gas: ArrayLike, pressure: ArrayLike, alpha: float, stokes: float) -> Ar
     Returns
     -------
     ndarray, shape (n,)
-        Surface density of dust in the unit of `gas`, times a constant.
+        Surface density of the dust times a constant, in the unit of `gas`.
     """
     pressure = np.asarray(pressure, dtype=float)
     found: Array = np.asarray(gas, dtype=float) * (pressure / pressure.max()) ** (stokes / alpha)

@@ -3,7 +3,7 @@
     dv/dt = a_g + (K/rho_g) (u - v)         du/dt = a_d - (K/rho_d) (u - v)
 
 The slip s = u - v obeys ds/dt = (a_d - a_g) - lam s with lam = K (1/rho_g + 1/rho_d). By the time t the dust has
-transferred to the gas, per unit reduced mass, the momentum
+transferred to the gas the momentum J per unit reduced mass,
 
     J = s_0 (1 - exp(-lam t)) + (a_d - a_g) t [1 - (1 - exp(-lam t))/(lam t)]                       (1)
     v = v_0 + a_g t + J eps/(1 + eps)       u = u_0 + a_d t - J/(1 + eps)                            (2)

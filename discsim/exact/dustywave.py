@@ -97,7 +97,10 @@ def solution(
 
 
 def _evolve(time: float, k: float, drag: float, ratio: float, sound_speed: float) -> tuple[np.ndarray, complex]:
-    """Return the mode ((d_g, d_d, V), s) at `time` that starts as (1, 1, 1), 0."""
+    """Return the amplitudes (d_g, d_d, V) and s at `time`, which are (1, 1, 1) and 0 at the start.
+
+    k: wavenumber. drag: K/rho_g. ratio: eps.
+    """
     a = -1j * k * np.array([[0, 0, 1], [0, 0, 1], [sound_speed**2 / (1 + ratio), 0, 0]])
     b = -1j * k / (1 + ratio) * np.array([-ratio, 1, 0])
     c = 1j * k * sound_speed**2 * np.array([1, 0, 0])

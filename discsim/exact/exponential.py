@@ -92,7 +92,7 @@ def radial_acceleration(radius: Array, scale: float, mass: float, height: float 
     )
     if np.isinf(cut):
         return whole
-    return whole - ring.beyond(radius, cut, lambda s: surface_density(s, scale, mass), height)
+    return whole - ring.outer_disc_acceleration(radius, cut, lambda s: surface_density(s, scale, mass), height)
 
 
 def _acceleration_in_plane(radius: Array, scale: float, mass: float) -> Array:

@@ -73,7 +73,7 @@ def elements(mu: float, x: float, y: float, vx: float, vy: float) -> Orbit:
     return Orbit(1.0 / binding if binding != 0.0 else math.inf, e, pericentre, anomaly)
 
 
-def at_anomaly(mu: float, size: float, e: float, anomaly: float) -> Motion:
+def motion_at_anomaly(mu: float, size: float, e: float, anomaly: float) -> Motion:
     """Return position and velocity at a true anomaly of a counter-clockwise orbit with its pericentre on +x.
 
     Parameters
@@ -123,7 +123,7 @@ def mean_anomaly(e: float, anomaly: float) -> float:
     return e * math.sinh(eccentric) - eccentric
 
 
-def at_mean_anomaly(mu: float, size: float, e: float, mean: float) -> Motion:
+def motion_at_mean_anomaly(mu: float, size: float, e: float, mean: float) -> Motion:
     """Return position and velocity at a mean anomaly of a counter-clockwise orbit with its pericentre on +x.
 
     Parameters
@@ -240,18 +240,19 @@ def _universal_anomaly(mu: float, r0: float, eta: float, beta: float, dt: float)
 
 
 def _first_guess(mu: float, r0: float, eta: float, dt: float, most: float) -> float:
-    """Return s to second order in dt, or the middle of the bracket if that is outside."""
+    """Return s to second order in dt, or `most` / 2 if this value is not between 0 and `most`."""
     guess = dt / r0 - 0.5 * eta * dt * dt / r0**3
     return guess if 0.0 < guess / most < 1.0 else 0.5 * most
 
 
 def _time_of_anomaly(mu: float, r0: float, eta: float, beta: float, s: float) -> float:
+    """Return dt of eq. (1)."""
     _, g1, g2, g3 = _stumpff(beta, s)
     return r0 * g1 + eta * g2 + mu * g3
 
 
 def _stumpff(beta: float, s: float) -> tuple[float, float, float, float]:
-    """Return G_0 to G_3."""
+    """Return G_0(beta, s) to G_3(beta, s); infinite values for a hyperbola where cosh would overflow."""
     x = beta * s * s
     if abs(x) < SERIES:
         c2 = c3 = 0.0

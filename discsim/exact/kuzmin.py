@@ -80,4 +80,4 @@ def radial_acceleration(radius: Array, scale: float, mass: float, height: float 
     whole = -mass * radius / (radius**2 + (scale + abs(height)) ** 2) ** 1.5  # eq. (2)
     if np.isinf(cut):
         return whole
-    return whole - ring.beyond(radius, cut, lambda s: surface_density(s, scale, mass), height)
+    return whole - ring.outer_disc_acceleration(radius, cut, lambda s: surface_density(s, scale, mass), height)

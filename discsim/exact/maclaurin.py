@@ -1,6 +1,6 @@
 """Field of the Maclaurin disc Sigma = Sigma_0 sqrt(1 - r^2/a^2), in its plane or at a height above it.
 
-The limit of a flattened homogeneous spheroid (Binney & Tremaine 2008, sec. 2.5). With
+The disc is the limit of a flattened homogeneous spheroid (Binney & Tremaine 2008, sec. 2.5). With
 zeta >= 0 from r^2/(1 + zeta^2) + z^2/zeta^2 = a^2, M = (2 pi/3) Sigma_0 a^2 and G = 1,
 
     a_r = -(3 M r/2 a^3) f                       f = acot zeta - zeta/(1 + zeta^2)                    (1)

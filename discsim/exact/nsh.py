@@ -24,8 +24,11 @@ are
     dust   azimuth   (W - St_j V / 2 - St_j^2 f_j / 2) / (1 + St_j^2)    (8)
 
 Equations (1) to (8) are linear in eta. `drift_about_circular_orbits` keeps the full centrifugal forces. Gas without
-dust is on a circle of speed v_g = v_K (1 - 2 eta)^(1/2). With velocities (V, v_g + W) of the gas and (v_j, v_g + w_j)
-of the dust, their frequencies Omega_c = (v_g + W) / r and Omega_j = (v_g + w_j) / r, and F_j = (v_K^2 - v_g^2) / r -
+dust
+is on a circle of speed v_g = v_K (1 - 2 eta)^(1/2). With velocities (V, v_g + W) of the gas and (v_j, v_g + w_j)
+of the
+dust, their frequencies Omega_c = (v_g + W) / r and Omega_j = (v_g + w_j) / r, and the radial accelerations
+F_j = (v_K^2 - v_g^2) / r -
 Omega f_j,
 
     (2 v_g + W) W / r   = sum_j eps_j (V - v_j) / t_j,    Omega_c V / 2   = sum_j eps_j (w_j - W) / t_j          (9)
@@ -74,11 +77,13 @@ def velocities(stokes: ArrayLike, dust_ratio: ArrayLike, headwind: ArrayLike) ->
         Velocities relative to Keplerian rotation in the unit of `headwind`, of the arguments' joint shape.
     """
     stokes, dust_ratio = (np.asarray(x, dtype=float)[None] for x in (stokes, dust_ratio))
-    found = of_populations(stokes, dust_ratio, headwind)
+    found = velocities_of_populations(stokes, dust_ratio, headwind)
     return Drift(found.gas_radial, found.gas_azimuthal, found.dust_radial[0], found.dust_azimuthal[0])
 
 
-def of_populations(stokes: ArrayLike, ratios: ArrayLike, headwind: ArrayLike, push: ArrayLike | None = None) -> Drift:
+def velocities_of_populations(
+    stokes: ArrayLike, ratios: ArrayLike, headwind: ArrayLike, push: ArrayLike | None = None
+) -> Drift:
     """Return the steady drift of gas and several dust populations, eqs. (1) to (8).
 
     Parameters
@@ -102,17 +107,15 @@ def of_populations(stokes: ArrayLike, ratios: ArrayLike, headwind: ArrayLike, pu
     scale = headwind / ((1 + a) ** 2 + b**2)
     # B - (1 + A) St_j is the sum of shares times differences of Stokes numbers, which vanish for one population.
     differences = np.array([(share * (stokes - own)).sum(axis=0) for own in stokes])
-    found = Drift(
+    drift = Drift(
         gas_radial=2 * b * scale,  # eq. (1)
         gas_azimuthal=-(1 + a) * scale,  # eq. (2)
         dust_radial=2 * (differences - stokes) * scale / (1 + stokes**2),  # eq. (3)
         dust_azimuthal=-(1 + a + b * stokes) * scale / (1 + stokes**2),  # eq. (4)
     )
-    return (
-        found
-        if push is None
-        else Drift(*map(np.add, found, _drift_by_push(stokes, share, np.asarray(push, dtype=float))))
-    )
+    if push is None:
+        return drift
+    return Drift(*map(np.add, drift, _drift_by_push(stokes, share, np.asarray(push, dtype=float))))
 
 
 def drift_about_circular_orbits(
@@ -163,7 +166,10 @@ def drift_about_circular_orbits(
 
 
 def _drift_by_push(stokes: np.ndarray, share: np.ndarray, push: np.ndarray) -> Drift:
-    """Return the velocities caused by outward forces on grains, eqs. (5) to (8); share: eps_j / (1 + St_j^2)."""
+    """Return the velocities caused by outward forces on grains, eqs. (5) to (8).
+
+    share: eps_j / (1 + St_j^2) of each population. push: f_j.
+    """
     a, b = share.sum(axis=0), (share * stokes).sum(axis=0)
     c, d = (share * push).sum(axis=0), (share * stokes * push).sum(axis=0)
     n = (1 + a) ** 2 + b**2

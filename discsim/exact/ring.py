@@ -42,8 +42,10 @@ def radial_acceleration(radius: Array, ring: Array, height: float = 0.0) -> Arra
     return -pull / (np.pi * radius * np.sqrt(far2))  # eq. (1)
 
 
-def beyond(radius: Array, cut: float, surface_density: Callable[[Array], Array], height: float = 0.0) -> Array:
-    """Return the radial acceleration by the part of an infinite disc outside the radius `cut`; G = 1.
+def outer_disc_acceleration(
+    radius: Array, cut: float, surface_density: Callable[[Array], Array], height: float = 0.0
+) -> Array:
+    """Return the radial acceleration by the part of an infinite disc beyond the radius `cut`; G = 1.
 
     Parameters
     ----------

@@ -59,7 +59,7 @@ def shock_radius(time: float, energy: float = 1.0, density: float = 1.0, gamma: 
     return (energy * time**2 / (alpha(gamma) * density)) ** 0.25
 
 
-def time_at(radius: float, energy: float = 1.0, density: float = 1.0, gamma: float = 1.4) -> float:
+def arrival_time(radius: float, energy: float = 1.0, density: float = 1.0, gamma: float = 1.4) -> float:
     """Return the time at which the shock reaches a radius.
 
     Parameters

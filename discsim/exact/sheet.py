@@ -2,8 +2,7 @@
 
     omega^2 = c_s^2 k^2 - 2 pi G Sigma k exp(-k e)                                                    (1)
 
-where the factor exp(-k e) is that of the Plummer softening e: softening replaces the field of the sheet by the field at
-the height e.
+The Plummer softening e replaces the field in the sheet by the field at the height e, which is smaller by exp(-k e).
 """
 
 from __future__ import annotations

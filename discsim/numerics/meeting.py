@@ -72,7 +72,7 @@ class GasCells:
 class GasDustNeighbours:
     """Neighbour lists between gas and grains.
 
-    gas, grains: objects that combine arrays of gas, or of grains, with those of ghosts, as `world.NoGhosts`. pos, h:
+    gas, grains: objects that combine arrays of gas, or of grains, with those of ghosts, as `world.ParticlesWithGhosts`. pos, h:
     positions and smoothing lengths of the gas, ghosts included. grain_pos: positions of the grains, ghosts included.
     cells, grain_cells: cells of gas and of grains, ghosts included; `filled` lists the cells with local particles.
     """
@@ -80,24 +80,28 @@ class GasDustNeighbours:
     def __init__(self, gas: GasCells, grains: Grains) -> None:
         grids, classes = _grids_of(gas.sph, grains)
         gas_grids, flat, gas_key, key = gas.grids, gas.sph.dim == 1, NO_ENTRIES, NO_ENTRIES
-        if world.processes.many:
+        if world.processes.is_parallel:
             box = _box_of_cells((gas_grids, gas.classes, gas.gas.pos), (grids, classes, grains.pos))
             widest = np.full(len(grids.table), gas_grids.table[:, REACH].max())
             grids, gas_grids = grids.near(*box, widest), gas_grids.near(*box, gas_grids.table[:, REACH])
             gas_key, key = keys_in(gas_grids, gas.classes, gas.gas.pos), keys_in(grids, classes, grains.pos)
         of_gas, of_grains = (gas_grids, gas_key), (grids, key)
-        self.gas = world.processes.in_cells(
+        self.gas = world.processes.fetch_ghosts(
             gas.gas, gas_key, lambda: _needed_cells(*of_gas, *of_grains, halo.THEIRS, flat)
         )
-        self.grains = world.processes.in_cells(grains, key, lambda: _needed_cells(*of_grains, *of_gas, halo.OWN, flat))
-        self.pos, self.h = self.gas.of(gas.gas.pos), self.gas.of(gas.gas.h)
-        self.grain_pos = self.grains.of(grains.pos)
+        self.grains = world.processes.fetch_ghosts(
+            grains, key, lambda: _needed_cells(*of_grains, *of_gas, halo.OWN, flat)
+        )
+        self.pos, self.h = self.gas.with_ghosts(gas.gas.pos), self.gas.with_ghosts(gas.gas.h)
+        self.grain_pos = self.grains.with_ghosts(grains.pos)
         side = np.full(len(self.grain_pos), grids.table[0, REACH])
-        self.grain_cells = cells_in(grids, self.grains.of(classes), self.grain_pos, side, self.grains.global_index)
-        if not world.processes.many:
+        self.grain_cells = cells_in(
+            grids, self.grains.with_ghosts(classes), self.grain_pos, side, self.grains.global_index
+        )
+        if not world.processes.is_parallel:
             self.cells = gas.cells
             return
-        cells = cells_in(gas_grids, self.gas.of(gas.classes), self.pos, self.h, self.gas.global_index)
+        cells = cells_in(gas_grids, self.gas.with_ghosts(gas.classes), self.pos, self.h, self.gas.global_index)
         self.cells = cells._replace(filled=_filled_cells(gas_key))
         self.grain_cells = self.grain_cells._replace(filled=_filled_cells(key))
 
@@ -138,7 +142,9 @@ def _filled_cells(key: Array) -> Array:
     return np.flatnonzero(np.bincount(key))
 
 
-def _needed_cells(grids: Grids, key: Array, others: Grids, other_key: Array, reach_of: int, flat: bool) -> world.Needed:
+def _needed_cells(
+    grids: Grids, key: Array, others: Grids, other_key: Array, reach_of: int, flat: bool
+) -> world.NeededCells:
     """Return the cells of a species whose particles this process needs.
 
     They are the cells of local particles, and all cells within reach of local particles of the other species. grids,
@@ -150,4 +156,4 @@ def _needed_cells(grids: Grids, key: Array, others: Grids, other_key: Array, rea
     needed = halo.mark_cells(_filled_cells(other_key), others.table, away, grids.table, reach_of, 1.0, flat, periodic)
     needed[key] = True
     numbers = grids.numbers()
-    return world.Needed(needed, numbers, numbers + 1)
+    return world.NeededCells(needed, numbers, numbers + 1)

@@ -88,7 +88,7 @@ def box_about(pos: Array, comm: Any = SERIAL) -> tuple[Array, Array]:
     comm: communication of the processes whose particles are in the box (`numerics/world.py`).
     """
     least, most = comm.corners(pos, corners)
-    low, width = comm.least(least), comm.most(most)
+    low, width = comm.min(least), comm.max(most)
     width -= low
     width[0] = max(width[0], 1e-300)
     return low, width
@@ -130,11 +130,11 @@ def grids_of(
     (`numerics/world.py`). stretch: factor by which cells are longer along x and shorter along y.
     """
     smallest, largest = _column_extremes(h[:, None])
-    least, most = (extent * float(h[0]) for h in (comm.least(smallest), comm.most(largest)))
+    least, most = (extent * float(h[0]) for h in (comm.min(smallest), comm.max(largest)))
     edges = (1.0 + 1e-12) * max(2.0 * least, most * 2.0 ** (1 - MAX_CLASSES)) * 2.0 ** np.arange(MAX_CLASSES)
     classes = np.empty(len(pos), np.uint8)
     found = np.array(parallel_for(kernels.size_classes, len(pos), h, extent, edges, classes, light=True))
-    members, reach = comm.sum(found[:, 0].sum(axis=0)), comm.most(found[:, 1].max(axis=0))
+    members, reach = comm.sum(found[:, 0].sum(axis=0)), comm.max(found[:, 1].max(axis=0))
     table, count = _lay_grids(members, reach, width, periodic, stretch)
     return Grids(table, count, edges, extent, low, width, periodic), classes
 

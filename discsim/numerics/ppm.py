@@ -52,7 +52,7 @@ class Tube:
         self.adiabatic = EOS[eos.kind].holds_heat
         self.gamma = eos.gamma if self.adiabatic else 0.0
         self.isothermal_speed = 0.0 if self.adiabatic else eos.sound_speed
-        self.everyone: Any = world.NoGhosts()
+        self.everyone: Any = world.CombinedParticles()
 
     def read(self, state: State) -> Array:
         """Return the conserved variables U (5, n) of all cells, including those of other processes."""
@@ -61,13 +61,13 @@ class Tube:
         v, u = gas.vel[:, 0], dust.vel[:, 0]
         energy = density * (gas.u + 0.5 * v * v) if self.adiabatic else np.zeros_like(v)
         cells = np.array([density, density * v, energy, dust_density, dust_density * u])
-        self.everyone = world.processes.everyone(gas)  # each process computes all cells, which are few
-        return np.ascontiguousarray(self.everyone.of(cells.T).T)
+        self.everyone = world.processes.allgather(gas)  # each process computes all cells, which are few
+        return np.ascontiguousarray(self.everyone.with_ghosts(cells.T).T)
 
     def write(self, state: State, cells: Array) -> None:
         """Set masses, velocities and energies of the local particles from U of all cells, `cells` (5, n)."""
         gas, dust = state.gas, state.dust
-        density, v, pressure, dust_density, u = self.primitive(cells[:, self.everyone.own])
+        density, v, pressure, dust_density, u = self.primitive(cells[:, self.everyone.local_rows])
         gas.mass[:], gas.vel[:, 0] = density * self.dx, v
         dust.mass[:], dust.vel[:, 0] = dust_density * self.dx, u
         if self.adiabatic:

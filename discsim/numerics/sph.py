@@ -78,8 +78,9 @@ def power_of_two_above(values: np.ndarray) -> float:
 class PointsWithGhosts(NamedTuple):
     """Local particles combined with the ghosts that may be their neighbours.
 
-    both: `world.NoGhosts`, or an object with its interface. h, mass: combined arrays. cells: cells of all particles,
-    ghosts included; `cells.filled` lists only the cells with local particles.
+    both: `world.ParticlesWithGhosts`. h, mass: combined arrays. cells: cells of all particles,
+    ghosts included;
+    `cells.filled` lists only the cells with local particles.
     """
 
     both: Any
@@ -149,7 +150,7 @@ class Sph:
 
     def with_ghosts(self, points: Points) -> PointsWithGhosts:
         """Return the points combined with the ghosts that may be their neighbours."""
-        return PointsWithGhosts(world.NoGhosts(), points.h, points.mass, self.cells_of(points))
+        return PointsWithGhosts(world.ParticlesWithGhosts(), points.h, points.mass, self.cells_of(points))
 
     def candidate_lists(self, cells: Cells) -> list[Any]:
         """Return the candidates of all cells with local particles: lists for each chunk of `parallel_for`.
@@ -190,7 +191,7 @@ class Sph:
                 raise FloatingPointError("a smoothing length of the gas is not finite")
             self.find_h_and_density(gas, vel, h_least)
             # If h is at its lower bound, this bound has to follow from the resulting h, not from the first guess.
-            smallest = world.processes.least(float(gas.h.min(initial=np.inf)))
+            smallest = world.processes.min(float(gas.h.min(initial=np.inf)))
             if self.fixed or smallest > h_least or self.smallest_h(gas) > 0.9 * h_least:
                 return
 
@@ -208,8 +209,10 @@ class Sph:
         self.marked = np.zeros(len(cells.bounds), np.bool_)
         div, curl = (np.empty(len(h) if self.derived == DIV_CURL else 0) for _ in range(2))
         slopes = np.empty((len(h) if self.derived == SLOPES else 0, 3))
-        found = self.found = DensityOutput(h, both.beside(gas.density), both.beside(gas.gradh), div, curl, slopes)
-        given = DensityInput(vel if self.derived == NO_DERIVATIVES else both.of(vel), mass)
+        found = self.found = DensityOutput(
+            h, both.with_empty_ghosts(gas.density), both.with_empty_ghosts(gas.gradh), div, curl, slopes
+        )
+        given = DensityInput(vel if self.derived == NO_DERIVATIVES else both.with_ghosts(vel), mass)
         norm = NORM[self.dim - 1][self.kernel]
         wanted, unit = (
             SmoothingRule(self.eta, h_least, self.h_most, self.fixed, norm, self.support),
@@ -226,10 +229,10 @@ class Sph:
             driver, len(left), left, given, found, wanted, unit, cells, False, outgrown, least=LEAST, each=lists
         )
         while True:
-            both.refresh(h)
+            both.update_ghosts(h)
             left = left[outgrown]
             some = self.outgrown_cells(left)
-            if not world.processes.most(len(some)):
+            if not world.processes.max(len(some)):
                 break
             update_radii(some, 1.2 * self.support, h, cells)
             if not self.halo_suffices(some):
@@ -240,13 +243,13 @@ class Sph:
                 others = np.setdiff1d(some, left, assume_unique=True)
                 self.mark_cells(self.candidates_of(cells, others, 0, len(others)))
         for own, found_ones in ((gas.h, h), (gas.density, found.rho), (gas.gradh, found.gradh)):
-            both.keep(own, found_ones)
+            both.set_local(own, found_ones)
         return True
 
     @property
     def slopes(self) -> np.ndarray:
         """Slopes (n, 3) of the velocity of local particles, eq. (7), if velocities are reconstructed."""
-        return self.found.slopes[self.both.own]
+        return self.found.slopes[self.both.local_rows]
 
     def _compiled_forces(self, gas: Gas, u: np.ndarray | None, nu: np.ndarray) -> Any:
         """Return the compiled force sums for the terms of this scene. Collective.
@@ -254,7 +257,7 @@ class Sph:
         u (n,): specific energies; None without them. nu: kinematic viscosities, no entries without a shear viscosity.
         """
         largest, smallest = float(gas.mass.max(initial=0.0)), float(gas.mass.min(initial=np.inf))
-        uneven = bool(world.processes.most(largest) > world.processes.least(smallest))
+        uneven = bool(world.processes.max(largest) > world.processes.min(smallest))
         conductive, shearing = self.conductivity is not None, len(nu) > 0
         bounded = self.pairs != NO_VISCOSITY or conductive or shearing
         kinds = self.pairs, u is not None, conductive, shearing, bounded and uneven
@@ -281,9 +284,11 @@ class Sph:
         both, found = self.both, self.found
         derivatives = {NO_DERIVATIVES: (), DIV_CURL: (found.div, found.curl), SLOPES: (found.slopes,)}[self.derived]
         for array in (found.rho, found.gradh, *derivatives):
-            both.refresh(array)  # a collective call, also for processes without particles
+            both.update_ghosts(array)  # a collective call, also for processes without particles
         optional = [array for array in (u, gas.immobile, gas.nu) if array is not None]
-        moving, mass, pressure, sound, *rest = both.of_all([vel, gas.mass, pressure, gas.sound_speed, *optional])
+        moving, mass, pressure, sound, *rest = both.all_with_ghosts(
+            [vel, gas.mass, pressure, gas.sound_speed, *optional]
+        )
         energy, nu = EMPTY if u is None else rest[0], EMPTY if gas.nu is None else rest[-1]
         immobile = NONE_IMMOBILE if gas.immobile is None else rest[u is not None]
         viscosity, conductivity = self.viscosity, self.conductivity
@@ -299,7 +304,7 @@ class Sph:
             write_force_columns, len(mass), DensityInput(moving, mass), found, pressure, sound, energy, nu, *terms,
             alpha, scale, self.cells.order, columns,
         )  # fmt: skip
-        sums, rate = both.beside(acc), EMPTY if u is None else both.beside(gas.heating_rate)
+        sums, rate = both.with_empty_ghosts(acc), EMPTY if u is None else both.with_empty_ghosts(gas.heating_rate)
         driver, filled = self._compiled_forces(gas, u, nu), self.cells.filled
         cells = self.cells._replace(filled=filled[self.marked[filled]])
         given = columns, sound, immobile, sums, rate, strengths, scale
@@ -310,9 +315,9 @@ class Sph:
 
         rates = parallel_for(driver, len(filled), *given, self.cells, self.marked, False, least=LEAST, each=self.lists)
         rates += parallel_for(in_marked_cells, len(cells.filled), least=LEAST)
-        both.keep(acc, sums)
+        both.set_local(acc, sums)
         if u is not None:
-            both.keep(gas.heating_rate, rate)
+            both.set_local(gas.heating_rate, rate)
         # The rate of conduction: in a step of 1 / rate a particle reaches the mean energy of its neighbours. In a
         # longer step, next to heavier neighbours, it exchanges more energy than there is.
         fastest = np.max(rates)

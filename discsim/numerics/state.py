@@ -117,7 +117,7 @@ class Particles(Summarised):
 
         if self.global_index is not None:  # local keys are a small part of [0, count)
             self.global_index[:] = key.astype(np.uint64) << np.uint64(32) | self.ids.astype(np.uint64)
-            world.processes.forget()
+            world.processes.drop_caches()
             self.take(np.argsort(self.global_index, kind="stable"))  # twice as fast, as keys mostly ascend
             self.unsorted_rows = self.unsorted_rows[:0]
             return

@@ -32,7 +32,7 @@ def totals(values: Array) -> Array:
     A sum is NaN if an entry is not finite.
     """
     values = np.ascontiguousarray(values, float)
-    if len(values) <= FSUM_ROWS and not world.processes.many:
+    if len(values) <= FSUM_ROWS and not world.processes.is_parallel:
         with suppress(OverflowError, ValueError):  # a sum is too large, or has infinities of both signs
             found = np.array([math.fsum(column) for column in values.T.tolist()])
             if np.isfinite(found).all():

@@ -1,9 +1,10 @@
 """Interface of the communication between the processes of a run.
 
-In serial runs every method is a no-op (`SerialComm`); `discsim/ranks` installs an implementation for several MPI ranks.
-Local particles are owned by this process; ghosts are copies of particles of other processes. Minima, maxima and sums of
-integers are exact, so they do not depend on the division of particles among processes. Sums of floats use
-`numerics/totals.py`. All methods are collective: every process has to call them in the same order.
+This module implements it for a single process: most methods return their argument or do nothing. `discsim/ranks`
+installs an implementation for several MPI ranks as `processes`. Local particles are those that this process owns;
+ghosts are copies of particles of other processes. Minima, maxima and sums of integers are exact, so they do not depend
+on the division of particles among processes. Sums of floats use `numerics/totals.py`. All methods are collective unless
+their docstring says otherwise: every process has to call them in the same order.
 """
 
 from __future__ import annotations
@@ -20,11 +21,11 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 
-class Needed(NamedTuple):
-    """Cells near the particles of this process, and which of them have particles that it needs; arrays are (cells,).
+class NeededCells(NamedTuple):
+    """Cells near a process, and whether it needs the particles in each of them; arrays are (cells,).
 
-    mask: whether the process needs the particles in a cell. begin, end: range of cell numbers that a cell covers on the
-    grids of all processes; `begin` and `end` ascend.
+    mask: True for needed cells. begin, end: range of numbers that a cell covers, from `begin` up to `end`. These
+    numbers are the same on all processes; both arrays ascend.
     """
 
     mask: Array
@@ -32,110 +33,116 @@ class Needed(NamedTuple):
     end: Array
 
 
-class NoGhosts:
-    """Local particles of a species combined with ghosts, on a single process, which has none.
+class CombinedParticles:
+    """Particles of a species: the local ones combined with those of other processes.
 
-    The methods define the interface for several processes (`discsim/ranks/exchange.py`). Combined arrays have the
-    entries of local particles and of ghosts; here they are the arrays of the particles themselves. own: index of the
-    local particles in combined arrays, a slice or rows. global_index (n,): keys that give the order of summation; None:
-    the order of the arrays.
+    This class is for a single process, where combined arrays are the local arrays themselves; `ranks/exchange.py` has
+    subclasses for several. local_rows: index of the local particles in combined arrays, a slice or an array of rows.
     """
 
-    own: Any = slice(None)
-    global_index: Array | None = None
+    local_rows: Any = slice(None)
 
-    def of(self, array: Array) -> Array:
-        """Return the combined array of `array` (n, ...), which has the local particles."""
+    @property
+    def global_index(self) -> Array | None:
+        """Keys of all particles in combined arrays, in whose order sums are added; None: in the order of the arrays."""
+        return None
+
+    def with_ghosts(self, array: Array) -> Array:
+        """Return a combined array: the local entries `array` (n, ...), and the same data of other processes."""
         return array
 
-    def of_all(self, arrays: list[Array]) -> list[Array]:
-        """Return the combined arrays of several `arrays`, as `of`, with a single exchange."""
+    def set_local(self, array: Array, combined: Array) -> None:
+        """Set `array` (n, ...) to the local entries of the array `combined`. Not collective."""
+
+
+class ParticlesWithGhosts(CombinedParticles):
+    """Local particles of a species combined with ghosts, whose data can be fetched repeatedly."""
+
+    def all_with_ghosts(self, arrays: list[Array]) -> list[Array]:
+        """Return `with_ghosts` of each array, in one exchange."""
         return arrays
 
-    def beside(self, array: Array) -> Array:
-        """Return a combined array with the local entries of `array` (n, ...) and uninitialised ghost entries."""
+    def with_empty_ghosts(self, array: Array) -> Array:
+        """Return a combined array with the local entries `array` and uninitialised ghost entries. Not collective."""
         return array
 
-    def refresh(self, array: Array) -> None:
-        """Set the ghost entries of the combined array `array` to the present values of their owners."""
-
-    def keep(self, array: Array, both: Array) -> None:
-        """Copy the local entries of the combined array `both` to `array` (n, ...)."""
+    def update_ghosts(self, combined: Array) -> None:
+        """Fetch the ghost entries of the array `combined` from their owners, in place."""
 
 
 class SerialComm:
-    """Communication of a single process: no-ops. Its methods define the interface for several processes."""
+    """Communication of a single process."""
 
-    many = False  # whether there are several processes
+    is_parallel = False  # whether there are several processes
     balance = 1.0  # load of the most loaded process over the mean
 
-    def least(self, values: Any) -> Any:
-        """Return the element-wise minimum over all processes of `values`, a number or an array."""
+    def min(self, values: Any) -> Any:
+        """Return the element-wise minimum of `values`, a number or an array, over all processes."""
         return values
 
-    def most(self, values: Any) -> Any:
-        """Return the element-wise maximum over all processes of `values`, a number or an array."""
+    def max(self, values: Any) -> Any:
+        """Return the element-wise maximum of `values`, a number or an array, over all processes."""
         return values
 
     def sum(self, values: Any) -> Any:
-        """Return the element-wise sum over all processes of `values`, an integer or an array of integers."""
+        """Return the element-wise sum of `values`, an integer or an array of integers, over all processes."""
         return values
 
-    def raise_together(self, do: Callable[[], Any]) -> Any:
-        """Return `do()`, or raise its exception; an exception on one process is raised on all processes.
+    def raise_on_all(self, do: Callable[[], Any]) -> Any:
+        """Return `do()`. If it raises an exception on one process, the exception is raised on all.
 
         `do` must not communicate.
         """
         return do()
 
-    def forget(self) -> None:
-        """Drop caches that depend on positions, order or owners of particles; call it before these change."""
+    def drop_caches(self) -> None:
+        """Drop all caches that depend on positions, order or owners of particles. Not collective."""
 
-    def forget_positions(self) -> None:
-        """Drop caches that depend on positions alone; call it after positions have changed."""
+    def drop_position_caches(self) -> None:
+        """Drop caches that depend on positions alone; results of the last kick are kept. Not collective."""
 
     def migrate(self, state: State) -> None:
-        """Send particles that have moved to the processes that now own them."""
+        """Send particles that have left the space of their process to the processes that now own them."""
 
     def corners(self, pos: Array, find: Callable[[Array], tuple[Array, Array]]) -> tuple[Array, Array]:
-        """Return the smallest and largest coordinates, (2,) each, of local positions `pos` (n, d).
+        """Return the smallest and largest coordinates, (2,) each, of local positions `pos` (n, d). Not collective.
 
-        find: function that computes the two from `pos`, for processes without a cached result.
+        find: function that computes them, called as `find(pos)` if they are not cached.
         """
         return find(pos)
 
     def reuse_removed_keys(self, global_index: Array, gone: Array, unsorted_rows: Array) -> Array:
-        """Give the keys of removed particles, in `global_index`, to the last particles in the global order.
+        """Give the keys of removed particles to the last particles of all processes, which fill the gaps.
 
         The global order is then as after `Particles.remove` on one process. global_index (n,): keys of local particles,
-        changed in place; they ascend, except in the rows `unsorted_rows`. gone: local rows that will be removed. Return
-        the local rows with a new key.
+        changed in place; they ascend except in the rows `unsorted_rows`. gone: local rows to be removed. Return the
+        local rows that got a new key.
         """
-        raise NotImplementedError("a single process has no global_index")
+        raise NotImplementedError("particles of a single process have no keys")
 
-    def everyone(self, particles: Particles) -> NoGhosts:
-        """Return the particles of all processes combined, on every process; arrays are in the global order.
+    def allgather(self, particles: Particles) -> CombinedParticles:
+        """Return the particles of all processes combined, on every process; arrays are in the global order."""
+        return CombinedParticles()
 
-        The result has only the methods `of`, `of_all` and `keep`.
+    def fetch_ghosts(self, particles: Any, key: Array, needed: Callable[[], NeededCells]) -> ParticlesWithGhosts:
+        """Return local particles combined with ghosts: all particles of other processes in the cells `needed()`.
+
+        key (n,): cell of each local particle, an index of the arrays of `needed()`.
         """
-        return NoGhosts()
+        return ParticlesWithGhosts()
 
-    def in_cells(self, particles: Any, key: Array, needed: Callable[[], Needed]) -> NoGhosts:
-        """Return local particles combined with ghosts, which are all particles of other processes in the needed cells.
+    def make_sph(self, kind: Any, scene: Any) -> Any:
+        """Return an object for SPH sums over the particles of all processes. Not collective.
 
-        key (n,): cell number of each local particle. needed: function that returns the needed cells.
+        kind: class of the object for a single process.
         """
-        return NoGhosts()
-
-    def sph(self, kind: Any, scene: Any) -> Any:
-        """Return an object for SPH sums over the particles of all processes; kind: its class in serial runs."""
         return kind(scene)
 
-    def sample(self, columns: Array, global_index: Array | None, some: Array) -> Array:
-        """Return values (m, columns) of a subset of the particles of all processes, in the global order.
+    def gather_sample(self, columns: Array, global_index: Array | None, rows: Array) -> Array:
+        """Return values (m, k) of a sample of the particles of all processes, in the global order.
 
-        columns: values of the local particles in the subset, a row for each. global_index (n,): keys of all local
-        particles. some: rows of the local particles in the subset.
+        columns (n, k): values of the local particles in the sample. global_index: keys of all local particles. rows
+        (n,): rows of those in the sample.
         """
         return columns
 
@@ -144,17 +151,17 @@ processes: Any = SerialComm()
 
 
 def set_processes(comm: Any) -> None:
-    """Set the communication of this process, `processes`, to `comm`."""
+    """Set `comm` as the communication of this process, `processes`."""
     global processes
     processes = comm
 
 
 @contextmanager
 def without_communication() -> Iterator[None]:
-    """Disable communication within the context, for functions whose arrays already contain all ghosts they need."""
-    before = processes
+    """Use the communication of a single process within the context, for work that every process does in full."""
+    parallel = processes
     set_processes(SerialComm())
     try:
         yield
     finally:
-        set_processes(before)
+        set_processes(parallel)

@@ -96,7 +96,7 @@ def step_of_orbit(scene: Scene, companion: Any, time: float) -> Array | float:
     a, e, mu = companion.semi_major_axis, companion.eccentricity, scene.star.mass + companion.mass
     if e > 1.0:
         mean = kepler.mean_anomaly(e, math.radians(companion.phase)) + math.sqrt(mu / a**3) * time
-        return math.sqrt(math.hypot(*kepler.at_mean_anomaly(mu, a, e, mean)[:2]) ** 3 / mu)
+        return math.sqrt(math.hypot(*kepler.motion_at_mean_anomaly(mu, a, e, mean)[:2]) ** 3 / mu)
     if e == 0.0:
         return math.sqrt(a**3 / mu)
     anomaly = np.linspace(0.0, np.pi, 8 * PHASES + 1)

@@ -183,7 +183,7 @@ class Orbits:
             elif k + 1 in under_way:
                 found = kepler.Motion(*under_way[k + 1].pos.tolist(), *under_way[k + 1].vel.tolist())
             else:
-                found = kepler.at_anomaly(mu[k] or self.fixed_mu[k], *orbit)
+                found = kepler.motion_at_anomaly(mu[k] or self.fixed_mu[k], *orbit)
             bodies.pos[k + 1], bodies.vel[k + 1] = found[:2], found[2:]
         if self.star.centre == "barycentre":
             weight = self._central_weights(bodies)
@@ -288,7 +288,8 @@ class Orbits:
         time -= float(bodies.begun[k + 1])
         size, e, phase = self.orbits[k]
         mu = self.fixed_mu[k]
-        return kepler.at_mean_anomaly(mu, size, e, kepler.mean_anomaly(e, phase) + math.sqrt(mu / size**3) * time)
+        mean = kepler.mean_anomaly(e, phase) + math.sqrt(mu / size**3) * time
+        return kepler.motion_at_mean_anomaly(mu, size, e, mean)
 
     def _masses(self, bodies: Bodies) -> Array:
         """Return the present masses (n + 1,) of star and companions."""

@@ -1,7 +1,7 @@
 """Costs of effects in a run on several ranks; MPI communication has separate rows in the table.
 
-CPU seconds are those of this rank. Wall-clock seconds in MPI calls, the waiting among them (`traffic.py`), bytes and
-messages are means over all ranks.
+CPU seconds are measured on this rank. Wall-clock seconds in MPI calls, the time spent waiting in them, bytes and
+messages are means over all ranks (`traffic.py`).
 """
 
 from __future__ import annotations
@@ -9,33 +9,33 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from discsim.ranks.traffic import Sum, Traffic
+from discsim.ranks.traffic import CallCost, Traffic
 from discsim.run.costs import Costs
 
-OUTSIDE_EFFECTS = "step"  # communication outside effects
+OUTSIDE_EFFECTS = "step"  # name of communication between effects
 
 
 class DividedCosts(Costs):
-    """`Costs` of one rank, including MPI communication. `copy` and `gather` are collective."""
+    """`Costs` of a run on one rank, including MPI communication. The methods `copy` and `gather` are collective."""
 
     def __init__(self, costs: Costs, traffic: Traffic) -> None:
         super().__init__(costs.calls)
         self.calls.update(costs.calls)
         self.seconds.update(costs.seconds)
         self.traffic = traffic
-        traffic.fold()
-        self._spent = dict(traffic.sums)  # sums at the start
-        self._forgotten: dict[str, Sum] = {}
-        self._means: dict[str, Sum] = {}
+        traffic.add_waiting()
+        self._spent = traffic.sums  # when this object was created
+        self._forgotten: dict[str, CallCost] = {}
+        self._means: dict[str, CallCost] = {}
 
     @contextmanager
     def __call__(self, name: str, calls: int = 1) -> Iterator[None]:
-        self.traffic.doing = name
+        self.traffic.effect = name
         try:
             with super().__call__(name, calls):
                 yield
         finally:
-            self.traffic.doing = ""
+            self.traffic.effect = ""
 
     def copy(self) -> DividedCosts:
         return DividedCosts(self, self.traffic)
@@ -44,21 +44,23 @@ class DividedCosts(Costs):
         super().forget(start, end)
         if isinstance(start, DividedCosts) and isinstance(end, DividedCosts):
             for name, spent in end._spent.items():
-                self._forgotten[name] = spent - start._spent.get(name, Sum())
+                self._forgotten[name] = spent - start._spent.get(name, CallCost())
 
     @property
-    def communication(self) -> dict[str, Sum]:
-        """Cost of communication on this rank by effect; outside effects under the name OUTSIDE_EFFECTS."""
-        sums = {name: spent - self._forgotten.get(name, Sum()) for name, spent in self.traffic.sums.items()}
+    def communication(self) -> dict[str, CallCost]:
+        """Cost of communication on this rank by effect; under the name OUTSIDE_EFFECTS between effects."""
+        sums = {name: spent - self._forgotten.get(name, CallCost()) for name, spent in self.traffic.sums.items()}
         return {name or OUTSIDE_EFFECTS: sums[name] for name in (*self.seconds, "") if name in sums}
 
     def gather(self) -> None:
-        self.traffic.fold()
+        self.traffic.add_waiting()
         self._means = self.traffic.mean(self.communication)
 
     def rows(self) -> Iterator[list[str]]:
         own, means = self.communication, self._means
-        cpu = {name: max(seconds - own.get(name, Sum()).cpu_seconds, 0.0) for name, seconds in self.seconds.items()}
+        cpu = dict(self.seconds)
+        for name in cpu.keys() & own.keys():
+            cpu[name] = max(cpu[name] - own[name].cpu_seconds, 0.0)
         total = (sum(cpu.values()) + sum(spent.cpu_seconds for spent in own.values())) or 1.0
         yield ["effect", "calls", "cpu_seconds", "share", "seconds", "waiting", "bytes", "messages"]
         for name, seconds in cpu.items():

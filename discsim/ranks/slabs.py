@@ -1,8 +1,9 @@
-"""Potential of a grid divided among ranks into slabs of rows, bitwise equal to that of `numerics/poisson.py`.
+"""Potential on a grid by slab decomposition, bitwise equal to the potential of `numerics/poisson.py`.
 
-Each rank transforms its rows along y. After an all-to-all exchange it has whole tiles of columns. It transforms these
-along x, multiplies them by the transform of the kernel, and transforms them back. A second exchange returns them to the
-ranks that have their rows. Batches of rows are the same as on one rank, and so are the results of the FFT plans.
+Each rank has a slab of consecutive rows, and transforms these along y. After an all-to-all exchange it has whole tiles
+of columns. It transforms these along x, multiplies them by the transform of the kernel, and transforms them back. A
+second exchange returns them to the ranks that have their rows. Batches of rows are the same as on one rank, and so are
+the results of the FFT plans.
 """
 
 from __future__ import annotations
@@ -24,17 +25,35 @@ from discsim.numerics.poisson import (
     tiles_of,
 )
 from discsim.ranks.comm import Comm
-from discsim.ranks.shares import Share
 
 Array = np.ndarray
 
 
-class Slabs:
-    """Slab of rows that a rank has, of a grid of `shape` (nx, ny) with `border` more nodes on every side.
+class RankRanges(NamedTuple):
+    """Division of consecutive items into one range for each rank, from `edges[rank]` up to `edges[rank + 1]`."""
 
-    rows: division of all rows among ranks: first the nx rows of the grid, then the border after the last row, then the
-    border before the first row. held: number of this rank's rows that are in the grid. density (held, ny): input.
-    potential (n, ny + 2 border): output, for all n rows of this rank. by_rows, by_tiles: memory that only `solve` uses.
+    edges: list[int]
+
+    @classmethod
+    def divide(cls, count: int, unit: int, ranks: int) -> RankRanges:
+        """Divide `count` items into ranges of about equal length, with edges at multiples of `unit` items."""
+        units = -(-count // unit)
+        return cls([min(unit * (units * rank // ranks), count) for rank in range(ranks + 1)])
+
+    def slice_of_rank(self, rank: int) -> slice:
+        return slice(self.edges[rank], self.edges[rank + 1])
+
+    def count_of_rank(self, rank: int) -> int:
+        return self.edges[rank + 1] - self.edges[rank]
+
+
+class SlabPoisson:
+    """Solver of the potential on a rank's slab of a grid (nx, ny), with `border` more nodes on every side.
+
+    count: number of rows in all. The order of rows is: the nx rows of the grid, the border after the last of them, and
+    the border before the first of them. rows: range of rows of each rank. held: number of this rank's rows that are in
+    the grid. density (held, ny): input of `solve`. potential (n, ny + 2 border): output, for all n rows of this rank.
+    by_rows, by_tiles: memory that only `solve` uses.
     """
 
     def __init__(
@@ -43,9 +62,9 @@ class Slabs:
         self.comm, self.border, self.nx = comm, border, shape[0]
         self.count = shape[0] + 2 * border
         padded = padded_shape(shape, periodic)
-        self.rows = Share.of(self.count, ROWS, comm.size)
-        self._tiles = Share.of(tiles_of(padded), 1, comm.size)
-        rows, tiles = self.rows.count(comm.rank), self._tiles.count(comm.rank)
+        self.rows = RankRanges.divide(self.count, ROWS, comm.size)
+        self._tiles = RankRanges.divide(tiles_of(padded), 1, comm.size)
+        rows, tiles = self.rows.count_of_rank(comm.rank), self._tiles.count_of_rank(comm.rank)
         self.held = max(0, min(rows, self.nx - self.rows.edges[comm.rank]))
         self.density = np.empty((self.held, shape[1]))
         self.potential = np.empty((rows, shape[1] + 2 * border))
@@ -68,41 +87,42 @@ class Slabs:
     def _transform(self, padded: tuple[int, int], cell: float, kernel: Kernel, periodic: bool) -> Array:
         """Return the part of the kernel's transform (ky, kx) for the tiles of this rank. Collective."""
         modes = padded[1] // 2 + 1
-        of_ky = Share([min(TILE * edge, modes) for edge in self._tiles.edges])
+        along_ky = RankRanges([min(TILE * edge, modes) for edge in self._tiles.edges])
         rank = self.comm.rank
         if periodic:
-            return periodic_transform(padded, cell, kernel, of_ky.span(rank))
+            return periodic_transform(padded, cell, kernel, along_ky.slice_of_rank(rank))
         # A cosine transform along both axes, first along y, as in `scipy.fft.dctn`.
-        of_x = Share.of(padded[0] // 2 + 1, 1, self.comm.size)
-        given = open_kernel(padded, cell, kernel, of_x.span(rank))
-        given = dct(given, type=1, axis=0) if given.size > 0 else given
-        taken = np.empty((of_ky.count(rank), padded[0] // 2 + 1))
-        AllToAll(self.comm, of_ky, of_x).gather_second_axis(given, taken)
-        return even_first(dct(taken, type=1, axis=1)) if taken.size > 0 else taken
+        along_x = RankRanges.divide(padded[0] // 2 + 1, 1, self.comm.size)
+        sent = open_kernel(padded, cell, kernel, along_x.slice_of_rank(rank))
+        sent = dct(sent, type=1, axis=0) if sent.size > 0 else sent
+        received = np.empty((along_ky.count_of_rank(rank), padded[0] // 2 + 1))
+        AllToAll(self.comm, along_ky, along_x).gather_second_axis(sent, received)
+        return even_first(dct(received, type=1, axis=1)) if received.size > 0 else received
 
 
 class AllToAll(NamedTuple):
     """All-to-all exchange between two divisions of an array (m, n, ...) among ranks.
 
-    Before or after the exchange a rank has its range along one axis and the whole of the other axis.
+    Before or after the exchange a rank has its range along one axis and the whole of the other axis. along_first,
+    along_second: ranges along the two axes.
     """
 
     comm: Comm
-    along_first: Share
-    along_second: Share
+    along_first: RankRanges
+    along_second: RankRanges
 
-    def gather_second_axis(self, given: Array, taken: Array) -> None:
-        """Send `given`, which has the whole first axis, and fill `taken`, which has the whole second axis."""
-        self.comm.swap(given, self._rows(given), taken, self._columns(taken))
+    def gather_second_axis(self, sent: Array, received: Array) -> None:
+        """Send `sent`, which has the whole first axis, and fill `received`, which has the whole second axis."""
+        self.comm.alltoallw(sent, self._parts_of_first(sent), received, self._parts_of_second(received))
 
-    def gather_first_axis(self, given: Array, taken: Array) -> None:
-        """Send `given`, which has the whole second axis, and fill `taken`, which has the whole first axis."""
-        self.comm.swap(given, self._columns(given), taken, self._rows(taken))
+    def gather_first_axis(self, sent: Array, received: Array) -> None:
+        """Send `sent`, which has the whole second axis, and fill `received`, which has the whole first axis."""
+        self.comm.alltoallw(sent, self._parts_of_second(sent), received, self._parts_of_first(received))
 
-    def _rows(self, array: Array) -> list[Array]:
-        """Return the parts of an array for each rank along the first axis."""
-        return [array[self.along_first.span(rank)] for rank in range(self.comm.size)]
+    def _parts_of_first(self, array: Array) -> list[Array]:
+        """Return the part of an array for each rank, a range along the first axis."""
+        return [array[self.along_first.slice_of_rank(rank)] for rank in range(self.comm.size)]
 
-    def _columns(self, array: Array) -> list[Array]:
-        """Return the parts of an array for each rank along the second axis."""
-        return [array[:, self.along_second.span(rank)] for rank in range(self.comm.size)]
+    def _parts_of_second(self, array: Array) -> list[Array]:
+        """Return the part of an array for each rank, a range along the second axis."""
+        return [array[:, self.along_second.slice_of_rank(rank)] for rank in range(self.comm.size)]

@@ -18,8 +18,12 @@ from mpi4py import MPI
 CALLS_PER_COMPARISON = 1024
 
 
-class Sum(NamedTuple):
-    """Sums over MPI calls of a rank: their number, CPU and wall-clock seconds, waiting, bytes and messages sent."""
+class CallCost(NamedTuple):
+    """Cost of MPI calls on a rank, summed over the calls, or the mean of such sums over the ranks.
+
+    calls: number of calls. cpu_seconds, seconds: CPU time and wall-clock time in the calls. waiting: part of `seconds`
+    spent waiting for other ranks. bytes, messages: amount of data, and number of messages, that the rank sent.
+    """
 
     calls: float = 0.0
     cpu_seconds: float = 0.0
@@ -28,55 +32,52 @@ class Sum(NamedTuple):
     bytes: float = 0.0
     messages: float = 0.0
 
-    def __sub__(self, other: Sum) -> Sum:
-        return Sum(*(a - b for a, b in zip(self, other, strict=True)))
+    def __sub__(self, other: CallCost) -> CallCost:
+        return CallCost(*(a - b for a, b in zip(self, other, strict=True)))
 
 
 class Traffic:
-    """Cost of MPI calls, summed by effect.
+    """Cost of the MPI calls of a rank, summed by effect.
 
-    doing: name of the effect to which calls are added at present; "" between effects.
+    effect: name of the effect to which the cost of the next calls is added; "" between effects.
     """
 
     def __init__(self, mpi: MPI.Comm) -> None:
         self._mpi = mpi
-        self.doing = ""
+        self.effect = ""
         self._sums: dict[str, list[float]] = {}
-        self._times: list[tuple[str, float]] = []  # of calls not yet compared
+        self._times: list[tuple[str, float]] = []  # effect and seconds of the calls that ranks have not yet compared
 
     @contextmanager
     def call(self, size: int, messages: int) -> Iterator[None]:
-        """Measure a collective call, in which this rank sends `size` bytes in `messages`."""
+        """Measure a collective call within the context, in which this rank sends `size` bytes in `messages`."""
         wall, cpu = time.perf_counter(), time.process_time()
         yield
         wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
-        self._add(self.doing, 1, cpu, wall, 0.0, size, messages)
-        self._times.append((self.doing, wall))
-        if len(self._times) == CALLS_PER_COMPARISON:
-            self.fold()
-
-    def _add(self, name: str, *more: float) -> None:
-        row = self._sums.setdefault(name, [0.0] * len(Sum._fields))
-        for k, number in enumerate(more):
+        row = self._sums.setdefault(self.effect, [0.0] * len(CallCost._fields))
+        for k, number in enumerate(CallCost(1, cpu, wall, 0.0, size, messages)):
             row[k] += number
+        self._times.append((self.effect, wall))
+        if len(self._times) == CALLS_PER_COMPARISON:
+            self.add_waiting()
 
     @property
-    def sums(self) -> dict[str, Sum]:
-        """Sums so far, by the name of the effect."""
-        return {name: Sum(*row) for name, row in self._sums.items()}
+    def sums(self) -> dict[str, CallCost]:
+        """Cost of all calls so far, by the name of the effect."""
+        return {name: CallCost(*row) for name, row in self._sums.items()}
 
-    def fold(self) -> None:
-        """Compare the times of recent calls between ranks, and add the waiting to the sums. Collective."""
+    def add_waiting(self) -> None:
+        """Compare the times of recent calls between ranks, and add the time spent waiting to the sums. Collective."""
         own = np.array([seconds for _, seconds in self._times])
         least = np.empty_like(own)
         self._mpi.Allreduce(own, least, MPI.MIN)
         for (name, _), waited in zip(self._times, (own - least).tolist(), strict=True):
-            self._sums[name][Sum._fields.index("waiting")] += waited
+            self._sums[name][CallCost._fields.index("waiting")] += waited
         self._times = []
 
-    def mean(self, sums: dict[str, Sum]) -> dict[str, Sum]:
-        """Return the means over all ranks of `sums`, which have the same names on each rank. Collective."""
-        own = np.array([*sums.values()]).reshape(-1, len(Sum._fields))
+    def mean(self, costs: dict[str, CallCost]) -> dict[str, CallCost]:
+        """Return the means over all ranks of `costs`, which have the same names on each rank. Collective."""
+        own = np.array([*costs.values()]).reshape(-1, len(CallCost._fields))
         out = np.empty_like(own)
         self._mpi.Allreduce(own, out, MPI.SUM)
-        return {name: Sum(*row) for name, row in zip(sums, (out / self._mpi.size).tolist(), strict=True)}
+        return {name: CallCost(*row) for name, row in zip(costs, (out / self._mpi.size).tolist(), strict=True)}

@@ -151,7 +151,7 @@ def add_forces(state: State, plan: Plan, costs: Costs) -> None:
     for _, operator in [*plan[Slot.FIELD], *plan[Slot.KICK_INPUT]]:
         state.results.pop(operator.name, None)  # those of earlier positions
     try:
-        if not several_threads() or world.processes.many:
+        if not several_threads() or world.processes.is_parallel:
             _add_forces_in_order(state, plan, costs)
         else:
             run_concurrently(*tasks(Slot.FIELD))
@@ -235,7 +235,7 @@ def limits_of(state: State, plan: Plan, costs: Costs) -> tuple[dict[str, float],
         # The limit of dust is 1 / frequency. A circular orbit keeps its energy to 12% in steps of this length, and to
         # 1% in half of it.
         each[2, k] = of_effect.get("dust", none).unstable_step / GROWS if passive else math.inf
-    steps, unstable, dust = (dict(zip(found, row, strict=True)) for row in world.processes.least(each).tolist())
+    steps, unstable, dust = (dict(zip(found, row, strict=True)) for row in world.processes.min(each).tolist())
     by = min(steps, key=steps.__getitem__)
     dust_by = min(dust, key=dust.__getitem__) if passive else ""
     return steps, Limits(steps[by], by, dust.get(dust_by, math.inf), dust_by, min(unstable.values()))

@@ -164,7 +164,7 @@ def check_dust_step(state: State, effects: Effects, limits: Limits, dt: float) -
         return
     dust, name, which, remedy = state.dust, limits.dust_by, "a dust particle", ""
     assert dust is not None
-    if not world.processes.many:
+    if not world.processes.is_parallel:
         i, remedy = limiting_grain(effects[name], state)
         remedy = remedy and f"{remedy}, or "
         which = f"dust particle {dust.ids[i]} at r = {np.linalg.norm(dust.pos[i]):.3g}"
@@ -225,7 +225,7 @@ def _remark_on_first_effect(state: State, effects: Effects, species: str, i: int
 
     species, i: species and row of the particle.
     """
-    if world.processes.many:
+    if world.processes.is_parallel:
         return ""  # effects make collective calls, and other processes have not found a fault
     for name, effect in effects.items():
         try:

@@ -51,7 +51,7 @@ class Operators:
         finite.
         """
         self._check(guards.check_entries)
-        world.processes.forget()
+        world.processes.drop_caches()
         for _, operator in self.plan[Slot.KICK_INPUT]:
             self.state.results.pop(operator.name, None)
         self.arrays_exposed = False
@@ -71,9 +71,9 @@ class Operators:
     def move(self, dt: float) -> None:
         """Change positions over dt by the operators of DRIFT and then of MOVE."""
         self._run_concurrently(Slot.DRIFT, dt)
-        world.processes.forget_positions()  # operators of MOVE use the new positions, and results of the last kick
+        world.processes.drop_position_caches()  # operators of MOVE use the new positions, and results of the last kick
         self._run(Slot.MOVE, dt)
-        world.processes.forget()
+        world.processes.drop_caches()
 
     def events(self) -> None:
         """Run the operators of SORT, in the steps in which arrays are reordered, and then those of EVENT."""
@@ -101,7 +101,7 @@ class Operators:
                 run(self.state, *given)
 
         tasks = [partial(do, name, operator.run) for name, operator in self.plan[slot]]
-        for concurrent in [[task] for task in tasks] if world.processes.many else [tasks]:
+        for concurrent in [[task] for task in tasks] if world.processes.is_parallel else [tasks]:
             run_concurrently(*concurrent)
 
     def forces(self) -> None:
@@ -117,4 +117,4 @@ class Operators:
 
     def _check(self, guard: Callable[..., None], *more: Any) -> None:
         """Call a check of `run/guards.py`; if it raises on one process, raise its exception on all."""
-        world.processes.raise_together(lambda: guard(self.state, self.effects, *more))
+        world.processes.raise_on_all(lambda: guard(self.state, self.effects, *more))

@@ -146,7 +146,7 @@ class Progress:
                 left = elapsed * max(until - state.time, 0.0) / (state.time - begun)
                 facts["speed"] = f"{(state.step - step) / elapsed:.3g} steps/s"
                 facts["left"] = f"{clock(left)} left"
-        if world.processes.many:
+        if world.processes.is_parallel:
             facts["load"] = f"busiest rank {world.processes.balance:.2f} times the mean load"
         return facts
 

@@ -202,7 +202,7 @@ def drifts(sim):
             # Sigma ~ 1/r and so St ~ r
             stokes = 0.5 * np.pi * sizes[:, None] * r[middle] * (2 * np.pi * 0.35) / 0.01
             loads = (shares * scene.dust[0].ratio)[:, None] * np.ones(len(r[middle]))
-            exact = nsh.of_populations(stokes, loads, np.full(len(r[middle]), 0.05**2))
+            exact = nsh.velocities_of_populations(stokes, loads, np.full(len(r[middle]), 0.05**2))
             expected.append((exact.dust_radial - exact.gas_radial).mean(axis=1))
         return False
 

@@ -25,7 +25,7 @@ def scene(**tables):
 
 def on_orbits(*given):
     """Places and velocities (n, 2) of (semi-major axis, eccentricity, anomaly)."""
-    table = np.array([kepler.at_anomaly(STAR, *orbit) for orbit in given])
+    table = np.array([kepler.motion_at_anomaly(STAR, *orbit) for orbit in given])
     return table[:, :2], table[:, 2:]
 
 
@@ -42,7 +42,7 @@ def test_orbits_of_grains_are_exact_at_the_default_step():
     assert sim.state.step < 40 * 30
     for (a, e, anomaly), pos, vel in zip(given, sim.dust.pos[np.argsort(sim.dust.ids)], sim.dust.vel, strict=True):
         mean = kepler.mean_anomaly(e, anomaly) + math.sqrt(STAR / a**3) * until
-        there = kepler.at_mean_anomaly(STAR, a, e, mean)
+        there = kepler.motion_at_mean_anomaly(STAR, a, e, mean)
         # Rounding of a thousand steps, which three hundred radians turn into phase.
         np.testing.assert_allclose([*pos, *vel], there, atol=1e-10)
 

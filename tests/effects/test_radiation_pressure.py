@@ -167,7 +167,7 @@ def test_dust_starts_with_the_drift_that_light_gives():
     radial = (sim.dust.pos * sim.dust.vel).sum(axis=1) / r
     headwind = 0.5 * 1.5 * 0.1**2 * np.ones(1)
     push = np.array([[0.1], [0.0]])
-    wanted = nsh.of_populations(np.full((2, 1), 0.1), np.array([[0.1], [0.2]]), headwind, push)
+    wanted = nsh.velocities_of_populations(np.full((2, 1), 0.1), np.array([[0.1], [0.2]]), headwind, push)
     for number in (0, 1):
         own = (sim.dust.species == number) & (r > 1.3) & (r < 1.7)
         found = (radial * r**0.5)[own]  # of v_K; the headwind is a little that of the place
@@ -180,7 +180,7 @@ def test_drift_with_a_push_balances():
     rng = np.random.default_rng(3)
     stokes, ratios, push = rng.uniform(0.01, 3.0, (3, 4, 5))
     headwind = rng.uniform(0.1, 1.0, 5)
-    v, w, vd, wd = nsh.of_populations(stokes, ratios, headwind, push)
+    v, w, vd, wd = nsh.velocities_of_populations(stokes, ratios, headwind, push)
     np.testing.assert_allclose(2 * wd - (vd - v) / stokes + push, 0.0, atol=1e-13)
     np.testing.assert_allclose(-0.5 * vd - (wd - w) / stokes, 0.0, atol=1e-13)
     np.testing.assert_allclose(2 * w + (ratios * (vd - v) / stokes).sum(axis=0) + 2 * headwind, 0.0, atol=1e-12)

@@ -41,7 +41,7 @@ STRENGTH = 1.0 / (COLUMN * effective_depth(0.5 * 3.0 * COLUMN))  # of u^4 at an 
 def test_cooling_in_a_time_is_exact(u, rate, ratio):
     """At t_cool / dt from 1e-6 to 1e6, and in several kicks as in one: rounding."""
     dt = 0.1
-    wanted = exact.towards(u, 0.7, rate, ratio * dt, dt)
+    wanted = exact.linear(u, 0.7, rate, ratio * dt, dt)
     assert linear(u, 0.7, rate, ratio * dt, dt) == pytest.approx(wanted, rel=1e-14)
     assert linear(u, 0.7, rate, ratio * dt, dt, times=7) == pytest.approx(wanted, rel=1e-13)
 

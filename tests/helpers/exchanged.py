@@ -15,10 +15,11 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "analysis"))
 from rank_counts import Divided, blocks_of_drag, cells_of_gas, counts_of
 from rank_sent import Sent
 from runs import DISC
+from shares import keep_share
 
 from discsim import Simulation
 from discsim.ranks import comm as comms
-from discsim.ranks.begin import divide
+from discsim.ranks.start import divide
 
 ORDER = {"gas": ["sph gas"], "self_gravity": ["grid gas", "grid dust"], "drag": ["drag gas", "drag dust"]}
 DT = 0.05
@@ -45,22 +46,23 @@ def exchanged(scene, comm):
     class Route(comms.Route):
         def __init__(self, comm, to):
             super().__init__(comm, to)
-            routes.setdefault(comm.traffic.doing, []).append(int(self.given.sum()))
+            routes.setdefault(comm.traffic.effect, []).append(int(self.send_counts.sum()))
 
     sim = made(scene)
+    keep_share(sim.state, comm)
     divide(sim, comm)
     for module in [m for m in list(sys.modules.values()) if getattr(m, "Route", None) is comms.Route]:
         module.Route = Route
-    deal, swap = comm.deal, comm.swap
+    deal, swap = comm.alltoallv, comm.alltoallw
 
     def noted(call, *given):
-        before = comm.traffic.sums.get(comm.traffic.doing, (0,) * 6)
+        before = comm.traffic.sums.get(comm.traffic.effect, (0,) * 6)
         out = call(*given)
-        spent = np.subtract(comm.traffic.sums[comm.traffic.doing], before)[4:]
-        dealt.setdefault(comm.traffic.doing, []).append(tuple(int(one) for one in spent))
+        spent = np.subtract(comm.traffic.sums[comm.traffic.effect], before)[4:]
+        dealt.setdefault(comm.traffic.effect, []).append(tuple(int(one) for one in spent))
         return out
 
-    comm.deal, comm.swap = (lambda *given: noted(deal, *given)), (lambda *given: noted(swap, *given))
+    comm.alltoallv, comm.alltoallw = (lambda *given: noted(deal, *given)), (lambda *given: noted(swap, *given))
     sim.operators.forces()
     sim.operators.kick(DT)
     rows = {

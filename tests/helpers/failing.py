@@ -24,7 +24,7 @@ from disks import Limited
 from runs import at_step
 
 from discsim.cli import main
-from discsim.ranks import files
+from discsim.ranks import output
 
 
 def kill(folder):
@@ -60,7 +60,7 @@ def prepare(what, rank, step):
 if __name__ == "__main__":
     how, *faults = sys.argv.pop(1).split(":")
     if how == "parts":
-        files.LEAST = 0
+        output.MIN_BYTES_IN_PARTS = 0
     for fault in faults:
         prepare(*fault.split("@"))
     sys.exit(main())

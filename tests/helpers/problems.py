@@ -38,7 +38,7 @@ def fall(stop, until, law="stopping-time", particles=120):
 
 def blast(particles, ratio=0.0, stop=0.0, sound_speed=0.01):
     """Shock radii of the species over the exact one, and what the energy lost, when the exact shock is at .35."""
-    time = sedov.time_at(0.35, 1.0, 1.0 + ratio)
+    time = sedov.arrival_time(0.35, 1.0, 1.0 + ratio)
     gas = {"particles": particles, "kernel": "quintic", "viscosity": {}}
     tables = {
         "units": {"system": "code"}, "run": {"until": time}, "space": {"size": 1.0, "cells": int(particles**0.5)},

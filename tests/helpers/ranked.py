@@ -13,13 +13,14 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent))
 
 from ranked_scenes import FEW_SCENES, SCENES
+from shares import keep_share
 
 from discsim import Simulation, load_scene
 from discsim.numerics import threads, world
 from discsim.output.history import history_row
-from discsim.ranks.begin import divide
 from discsim.ranks.comm import Comm
-from discsim.ranks.gathering import gathered, gathered_columns
+from discsim.ranks.output import gather_columns, gather_state
+from discsim.ranks.start import divide
 from discsim.run.runner import columns
 from discsim.scene import SceneError
 
@@ -32,6 +33,7 @@ def stepped(scene, steps, most, comm):
     world.set_processes(world.SerialComm())
     sim = Simulation(scene)
     if comm is not None:
+        keep_share(sim.state, comm)
         divide(sim, comm)
     rows = []
     for _ in range(steps):
@@ -40,7 +42,7 @@ def stepped(scene, steps, most, comm):
     state, extra = sim.state, columns(sim.state, sim.effects.values())
     held = sum(p.count for p in state.species.values())
     if comm is not None:
-        extra, state = gathered_columns(comm, state, extra), gathered(comm, state)
+        extra, state = gather_columns(comm, state, extra), gather_state(comm, state)
     world.set_processes(world.SerialComm())
     arrays = {f"{n}.{k}": array for n, p in state.species.items() for k, array in p.arrays().items()}
     arrays |= {f"{n}.{k} of effects": np.asarray(a) for n, p in extra.items() for k, a in plain(p).items()}

@@ -21,7 +21,7 @@ from discsim.numerics.mesh import Mesh
 from discsim.numerics.poisson import Plummer, Poisson, ThinDisc
 from discsim.ranks.comm import Comm
 from discsim.ranks.division import Division
-from discsim.ranks.gravity import divided
+from discsim.ranks.gravity import divided_mesh
 
 CELL = 0.05
 # Shape, whether periodic, kernel, and how particles lie.
@@ -84,12 +84,12 @@ def differences(comm, shape, periodic, kernel, lie):
     )
     division = Division(SimpleNamespace(space=space, centred=True), comm)
     alone = Mesh(grid, kernel)
-    mesh = divided(alone, division)
+    mesh = divided_mesh(alone, division)
     wrong = ["kernel"] if dim == 2 and not same_kernel(mesh) else []
     for seed in (1, 2):  # arrays that are kept hold nothing of the last time
         species = {n: particles(lie, sides, 2000, 10 * seed + k, dim) for k, n in enumerate(("gas", "dust"))}
         expected, off = found(alone, species)
-        division.cut(species, whole=True)
+        division.rebalance(species)
         own = {n: np.flatnonzero(division.owner[division.tile_of(p.pos)] == comm.rank) for n, p in species.items()}
         for name, p in species.items():
             p.take(own[name])

@@ -78,7 +78,7 @@ def test_populations_start_at_their_common_drift(stokes, ratios):
     found = drift_over_headwind(r, stokes, ratios)
     own = sim.dust.species, np.arange(len(r))
     np.testing.assert_allclose(dust, [found.dust_radial[own], found.dust_azimuthal[own]], rtol=1e-9, atol=1e-12)
-    linear = nsh.of_populations(np.outer(stokes, r), np.outer(ratios, np.ones(len(r))), 1.0)
+    linear = nsh.velocities_of_populations(np.outer(stokes, r), np.outer(ratios, np.ones(len(r))), 1.0)
     # eta = .0025, of which the centrifugal force of the slip is of second order: some eta of the drift.
     np.testing.assert_allclose(dust, [linear.dust_radial[own], linear.dust_azimuthal[own]], rtol=0.01, atol=2e-4)
 

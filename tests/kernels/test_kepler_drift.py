@@ -18,7 +18,7 @@ def orbits(e, sizes=(0.5, 2.0), seed=3):
     rng = np.random.default_rng(seed)
     found = []
     for i in range(NUMBER):
-        at = exact.at_mean_anomaly(MU, rng.uniform(*sizes), e, rng.uniform(-3.0, 3.0))
+        at = exact.motion_at_mean_anomaly(MU, rng.uniform(*sizes), e, rng.uniform(-3.0, 3.0))
         turn = rng.uniform(0.0, 2.0 * math.pi)
         c, s, sense = math.cos(turn), math.sin(turn), (-1.0) ** i
         x, y, vx, vy = at.x, sense * at.y, at.vx, sense * at.vy

@@ -58,7 +58,7 @@ def test_what_is_known_of_places_goes_when_they_move(tmp_path, monkeypatch):
     sim, forgotten = Simulation(scene_of(tmp_path, WAVE)), []
 
     class Noting(world.SerialComm):
-        def forget(self):
+        def drop_caches(self):
             forgotten.append(sim.gas.pos.copy())
 
     monkeypatch.setattr(world, "processes", Noting())
@@ -77,10 +77,10 @@ def test_what_is_known_of_places_goes_before_operators_use_the_new_ones(tmp_path
     sim, order, places = Simulation(scene_of(tmp_path, WAVE)), [], []
 
     class Noting(world.SerialComm):
-        def forget(self):
+        def drop_caches(self):
             order.append("all")
 
-        def forget_positions(self):
+        def drop_position_caches(self):
             order.append("positions")
             places.append(sim.gas.pos.copy())
 

@@ -60,7 +60,7 @@ def test_sums_of_few_and_of_many_have_the_same_bits(monkeypatch, number):
         columns[-1, 0] += wrong
         few = totals(columns)
         with monkeypatch.context() as many:
-            many.setattr(world.processes, "many", True)
+            many.setattr(world.processes, "is_parallel", True)
             assert few.tobytes() == totals(columns).tobytes()
         assert math.isfinite(few[0]) == (wrong == 0.0) and math.isfinite(few[2]) == (number == 1)
 

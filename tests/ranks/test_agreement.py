@@ -9,7 +9,7 @@ if find_spec("mpi4py") is None:
     pytest.skip("needs mpi4py: pip install -e '.[mpi]'", allow_module_level=True)
 
 from discsim.drag.cells import Layout, Merged
-from discsim.ranks.drag import only_needed
+from discsim.ranks.drag import keep_needed_blocks
 
 
 def test_blocks_that_are_left_are_numbered_anew():
@@ -19,7 +19,7 @@ def test_blocks_that_are_left_are_numbered_anew():
     corners, level = np.array([[0, 0], [1, 0], [3, 0]], np.int32), np.array([0, 1, 0])
     blocks = Merged(np.array([0, 1, 1, 2, -1], np.int32), corners, level, np.array([False, True, True]))
     layout = Layout(None, blocks, 3, None, np.arange(0), np.arange(0))
-    layout = only_needed(layout, np.array([False, False, True]), np.array([True, False, True]))
+    layout = keep_needed_blocks(layout, np.array([False, False, True]), np.array([True, False, True]))
     left = layout.merged
     assert left.number.tolist() == [1, -1, -1, 0, -1]
     assert left.first_leaf.tolist() == [[3, 0], [0, 0]]

@@ -36,11 +36,11 @@ import time
 from mpi4py import MPI
 from discsim.ranks.comm import Comm
 comm = Comm()
-comm.traffic.doing = "gas"
+comm.traffic.effect = "gas"
 if comm.rank == 1:
     time.sleep(1.0)
-comm.reduced(1.0, MPI.MAX)
-comm.traffic.fold()
+comm.allreduce(1.0, MPI.MAX)
+comm.traffic.add_waiting()
 found = comm.mpi.gather(comm.traffic.sums["gas"].waiting)
 if comm.rank == 0:
     print(*found)

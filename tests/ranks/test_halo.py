@@ -34,12 +34,12 @@ from discsim.numerics.batches import bounds_of
 from discsim.numerics.grid import BORDER, Grid
 from discsim.numerics.neighbours import sort_into_cells
 from discsim.numerics.state import Particles
-from discsim.ranks.comm import by_rank
+from discsim.ranks.comm import group_by_rank
 from discsim.ranks.division import Division
-from discsim.ranks.drag import _needed_blocks, _with_leaves_of_ghosts, numbers_of
+from discsim.ranks.drag import _needed_blocks, _with_leaves_of_ghosts, leaf_number_ranges
 from discsim.ranks.gravity import _ranges_in_global_order
-from discsim.ranks.leaves import Leaves
-from discsim.ranks.windows import Windows, joined, no_nodes
+from discsim.ranks.leaves import DividedLeaves
+from discsim.ranks.windows import Windows, combine_extents, empty_node_ranges
 from discsim.ranks.world import _rows_of_largest
 
 
@@ -52,14 +52,14 @@ def test_places_in_marked_tiles(dim):
     pos, marked = rng.uniform(-0.7, 0.7, (3000, dim)), rng.random(len(division.owner)) < 0.3
     pos[7], pos[8], pos[9] = np.nan, np.inf, -np.inf
     np.testing.assert_array_equal(
-        division.within(pos, marked, bounds_of(pos)), np.flatnonzero(marked[division.tile_of(pos)])
+        division.rows_in_tiles(pos, marked, bounds_of(pos)), np.flatnonzero(marked[division.tile_of(pos)])
     )
     # Rows in the order of their tiles, few of which are marked: most of them are not looked at one by one.
     pos = pos[np.argsort(division.tile_of(pos), kind="stable")]
     marked[:] = False
     marked[division.tile_of(pos[[40, 1700]])] = True
     np.testing.assert_array_equal(
-        division.within(pos, marked, bounds_of(pos)), np.flatnonzero(marked[division.tile_of(pos)])
+        division.rows_in_tiles(pos, marked, bounds_of(pos)), np.flatnonzero(marked[division.tile_of(pos)])
     )
 
 
@@ -127,11 +127,11 @@ def test_cells_that_reach_others_are_not_alone(periodic):
 
 
 def test_own_leaves_are_known_whether_or_not_a_scheme_has_summed_them():
-    lattice, own, held = SimpleNamespace(shape=(4, 5)), Leaves(None), np.isin(np.arange(20), [0, 3, 7])
+    lattice, own, held = SimpleNamespace(shape=(4, 5)), DividedLeaves(None), np.isin(np.arange(20), [0, 3, 7])
     leaves = [np.array([3, 20, 7]), np.array([7, 0])]  # 20: outside
-    np.testing.assert_array_equal(own.held(lattice, leaves), held)
-    own._held = ~held  # as `summed` leaves it
-    np.testing.assert_array_equal(own.held(lattice, leaves), ~held)
+    np.testing.assert_array_equal(own.local_leaves(lattice, leaves), held)
+    own._local_leaves = ~held  # as `summed` leaves it
+    np.testing.assert_array_equal(own.local_leaves(lattice, leaves), ~held)
 
 
 @pytest.mark.parametrize("spare", [0, 4])
@@ -152,21 +152,21 @@ def test_leaves_of_ghosts_come_behind_own_ones(spare):
 
 
 def test_rows_by_rank_keep_their_order():
-    parts = by_rank(np.array([5, 7, 8, 9]), np.array([2, 0, 2, 0]), 4)
+    parts = group_by_rank(np.array([5, 7, 8, 9]), np.array([2, 0, 2, 0]), 4)
     assert [part.tolist() for part in parts] == [[7, 9], [], [5, 8], []]
 
 
 @pytest.mark.parametrize("size", [1, 255, 256, 257, 70_000])  # numbers of one byte, of two and of more
 def test_rows_go_to_the_last_of_many_ranks_too(size):
-    parts = by_rank(np.arange(3), np.array([size - 1, 0, size - 1]), size)
+    parts = group_by_rank(np.arange(3), np.array([size - 1, 0, size - 1]), size)
     assert len(parts) == size and parts[-1].tolist() == ([0, 2] if size > 1 else [0, 1, 2])
-    assert sum(map(len, by_rank(np.arange(0), np.arange(0), size))) == 0
+    assert sum(map(len, group_by_rank(np.arange(0), np.arange(0), size))) == 0
 
 
 def test_the_reach_is_the_largest_of_the_last_kicks():
-    leaves = Leaves(None)
-    assert [leaves.suffices(wanted) for wanted in (2, 2, 1, 2, 3)] == [False, True, True, True, False]
-    assert all(leaves.suffices(1) for _ in range(16)) and leaves.reach == 1
+    leaves = DividedLeaves(None)
+    assert [leaves.update_reach(wanted) for wanted in (2, 2, 1, 2, 3)] == [False, True, True, True, False]
+    assert all(leaves.update_reach(1) for _ in range(16)) and leaves.reach == 1
 
 
 @pytest.mark.parametrize("of", [False, True])
@@ -263,7 +263,7 @@ def test_numbers_of_blocks_are_those_of_their_leaves():
     """Each block of a part has the numbers of its leaves, one after another, along a Z-curve in each largest block."""
     shape, first = (64, 96), (32, 64)
     blocks = merged(shape, 10)
-    begin, end = numbers_of(blocks, Lattice(np.zeros(2), np.zeros(2), 0, 1.0, (128, 192), False, first, shape))
+    begin, end = leaf_number_ranges(blocks, Lattice(np.zeros(2), np.zeros(2), 0, 1.0, (128, 192), False, first, shape))
     number = np.full((64, 96), -1)
     for (x, y), level, low, high in zip(blocks.first_leaf, blocks.level, begin, end, strict=False):
         for ix in range(1 << level):
@@ -293,7 +293,7 @@ def test_counts_of_windows_are_the_same_by_any_number_of_ranks_at_once(monkeypat
     grid, rng = Grid((0.0, 0.0), 1.0, (300, 200), periodic=False), np.random.default_rng(8)
     ends = np.sort(rng.integers(0, 299, (2, 5)), axis=0)
     bands = np.sort(rng.integers(0, 199, (2, 5, 10)), axis=0)
-    windows = Windows.about(ends, bands, 0, grid)
+    windows = Windows.from_node_ranges(ends, bands, 0, grid)
     whole = counts.of_windows(windows, grid, 5)
     monkeypatch.setattr(counts, "AT_ONCE", 2)
     np.testing.assert_equal(counts.of_windows(windows, grid, 5), whole)
@@ -310,12 +310,12 @@ def test_windows_have_the_nodes_about_particles(ring):
         some[np.hypot(*some.T) < 40.0] + middle
         for some, middle in zip(places, ([155.0, 85.0], [85.0, 155.0]), strict=True)
     ]
-    both = joined(*(grid.extent(pos, bounds_of(pos)) for pos in clouds))
-    ends, bands = no_nodes(grid, 2)  # a rank without particles
+    both = combine_extents(*(grid.extent(pos, bounds_of(pos)) for pos in clouds))
+    ends, bands = empty_node_ranges(grid, 2)  # a rank without particles
     ends[:, 0], bands[:, 0] = (both.low, both.high), (both.least, both.most)
-    windows = Windows.about(ends, bands, 0, grid)
+    windows = Windows.from_node_ranges(ends, bands, 0, grid)
     rows = np.arange(-BORDER, 300 + BORDER)
-    begin, end = windows.columns(slice(None), rows, ring)
+    begin, end = windows.column_ranges(slice(None), rows, ring)
     assert np.array_equal(begin[1], end[1])
     columns = np.arange(200)
     found = (columns >= begin[0, :, None]) & (columns < end[0, :, None])

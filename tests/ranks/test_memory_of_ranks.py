@@ -10,12 +10,14 @@ pytestmark = MARKS
 HOLDS = f"""
 import sys, tracemalloc
 import numpy as np
-sys.path.insert(0, {str(Path(__file__).parents[2] / "analysis")!r})
+sys.path[:0] = [{str(Path(__file__).parents[2] / "analysis")!r}, {str(Path(__file__).parents[1] / "helpers")!r}]
 from rank_steps import scene
+from shares import keep_share
 from discsim import Simulation
-from discsim.ranks.begin import divide
+from discsim.ranks.start import divide
 from discsim.ranks.comm import Comm
 comm, sim, held = Comm(), Simulation(scene(20000, 100000, 256, "tsc")), []
+keep_share(sim.state, comm)
 own = divide(sim, comm)
 def note():
     held.append(tracemalloc.get_traced_memory()[0])

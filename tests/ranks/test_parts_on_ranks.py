@@ -48,7 +48,7 @@ def scene(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def one(scene, tmp_path_factory):
-    """The run of one process: six steps, three snapshots."""
+    """The run of one process: four steps, three snapshots."""
     folder = tmp_path_factory.mktemp("one") / "run"
     assert run_scene(load_scene(scene, ["run.until=0.5"]), folder, quiet=True) == 0
     return folder
@@ -111,7 +111,7 @@ def test_later_snapshots_go_with_their_parts(scene, one, half, tmp_path):
     """Of a run that was killed after it had written one that its checkpoint does not know."""
     out = tmp_path / "run"
     shutil.copytree(half, out)
-    shutil.copy(out / "snapshots" / "0001.h5", out / "snapshots" / "0007.h5")
+    shutil.copy(one / "snapshots" / "0002.h5", out / "snapshots" / "0007.h5")
     (out / "snapshots" / "parts" / "0007.0.h5").write_bytes(b"")
     assert on_ranks(2, scene, out, 0.5, "--resume") == (0, "")
     assert_same(one, out)
@@ -122,7 +122,7 @@ def test_later_snapshots_go_with_their_parts(scene, one, half, tmp_path):
     [("kill", 2, {}), ("raise", 2, ABORTED), ("full", 2, {1}), ("full", 0, {1}), ("spoil", 1, {3})],
 )
 def test_a_rank_that_fails_ends_all(scene, one, tmp_path, what, rank, status):
-    """In the fourth step, after a snapshot and before its checkpoint; what is saved goes on to the bits of one run."""
+    """At the end of the fourth step, before its snapshot; what is saved goes on to the bits of one run."""
     out = tmp_path / "run"
     always = "--set", "run.checkpoint_every=1e-9 s"
     found, said = on_ranks(3, scene, out, 0.5, *always, how=f"parts:{what}@{rank}@4")
@@ -132,7 +132,7 @@ def test_a_rank_that_fails_ends_all(scene, one, tmp_path, what, rank, status):
     if what in told:
         assert said.count(told[what]) == 1 and said.count("Traceback") == (what == "raise")
     if what in ("full", "spoil"):
-        assert said.count("is a checkpoint at t = 0.25; resume with") == 1
+        assert said.count("is a checkpoint at t = 0.375; resume with") == 1
         assert len([line for line in said.splitlines() if not line.startswith("Abort(")]) <= 2
     assert not [*out.rglob(".*.part*")] or what == "kill"
     assert read_checkpoint(out / "checkpoint.h5")[1]["step"] == 3

@@ -15,7 +15,7 @@ from setups import SETUPS
 if find_spec("mpi4py") is None:
     pytest.skip("needs mpi4py: pip install -e '.[mpi]'", allow_module_level=True)
 
-from discsim.ranks.start import told, without_particles
+from discsim.ranks.start import begin_without_particles, shared_data
 
 pytestmark = pytest.mark.ranks
 
@@ -57,7 +57,7 @@ def test_what_the_particles_have_told_is_passed_on():
 
 def assert_same_without_particles(scene):
     one = begin(scene, to_restore=True)
-    other = without_particles(scene, pickle.loads(pickle.dumps(told(one))))
+    other = begin_without_particles(scene, pickle.loads(pickle.dumps(shared_data(one))))
     assert one.effects.keys() == other.effects.keys()
     for name, effect in one.effects.items():
         assert known(effect) == known(other.effects[name]), name
