@@ -170,8 +170,8 @@ class Effect(base.Effect):
         """Make one substep of the walk over dt, and subtract the gained angular momentum from the gas.
 
         gas: properties of the gas at the grains, from `_GasSampler.at`. strength (n,), drift (n, d): of the walk, from
-        `kernels.write_diffusivities`. lag: time by which velocities are rotated behind positions on circular orbits. number:
-        number of the substep in the run, for the random vectors.
+        `kernels.write_diffusivities`. lag: time by which velocities are rotated behind positions on circular orbits.
+        number: number of the substep in the run, for the random vectors.
         """
         dust, centre, star = state.dust, base.centre_of_disc(state), state.central
         circles = kernels.CircularOrbits(*star, lag, centre)

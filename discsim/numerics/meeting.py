@@ -72,8 +72,8 @@ class GasCells:
 class GasDustNeighbours:
     """Neighbour lists between gas and grains.
 
-    gas, grains: objects that combine arrays of gas, or of grains, with those of ghosts, as `world.ParticlesWithGhosts`. pos, h:
-    positions and smoothing lengths of the gas, ghosts included. grain_pos: positions of the grains, ghosts included.
+    gas, grains: `world.ParticlesWithGhosts` of each. pos, h: positions and smoothing lengths of the gas, ghosts
+    included. grain_pos: positions of the grains, ghosts included.
     cells, grain_cells: cells of gas and of grains, ghosts included; `filled` lists the cells with local particles.
     """
 
@@ -86,12 +86,9 @@ class GasDustNeighbours:
             grids, gas_grids = grids.near(*box, widest), gas_grids.near(*box, gas_grids.table[:, REACH])
             gas_key, key = keys_in(gas_grids, gas.classes, gas.gas.pos), keys_in(grids, classes, grains.pos)
         of_gas, of_grains = (gas_grids, gas_key), (grids, key)
-        self.gas = world.processes.fetch_ghosts(
-            gas.gas, gas_key, lambda: _needed_cells(*of_gas, *of_grains, halo.THEIRS, flat)
-        )
-        self.grains = world.processes.fetch_ghosts(
-            grains, key, lambda: _needed_cells(*of_grains, *of_gas, halo.OWN, flat)
-        )
+        combine = world.processes.fetch_ghosts
+        self.gas = combine(gas.gas, gas_key, lambda: _needed_cells(*of_gas, *of_grains, halo.THEIRS, flat))
+        self.grains = combine(grains, key, lambda: _needed_cells(*of_grains, *of_gas, halo.OWN, flat))
         self.pos, self.h = self.gas.with_ghosts(gas.gas.pos), self.gas.with_ghosts(gas.gas.h)
         self.grain_pos = self.grains.with_ghosts(grains.pos)
         side = np.full(len(self.grain_pos), grids.table[0, REACH])

@@ -69,10 +69,10 @@ BODY_ATTRIBUTES = frozenset({
     "kepler_omega", "cooled_energy",
 })  # fmt: skip
 # Attributes that every operator may read: of particles (numbers, order and spare memory) and of the state.
-COMMON_PARTICLE_ATTRIBUTES = frozenset({
+PARTICLE_ATTRIBUTES = frozenset({
     "count", "global_count", "ids", "immobile", "global_index", "unsorted_rows", "spare",
 })  # fmt: skip
-COMMON_STATE_ATTRIBUTES = frozenset({"scene", "time", "step", "earlier", "velocity_lag", "grid", "acc_unshared"})
+STATE_ATTRIBUTES = frozenset({"scene", "time", "step", "earlier", "velocity_lag", "grid", "acc_unshared"})
 
 
 class Limit(NamedTuple):
@@ -148,7 +148,7 @@ def arrays(species: str | Iterable[str], names: str) -> frozenset[str]:
 def _readable_attributes(names: frozenset[str], species: str) -> frozenset[str]:
     """Return the attributes of a species that an operator may use; names: its `reads` and `writes` together."""
     declared = {name.partition(".")[2] for name in names if name.partition(".")[0] == species}
-    return COMMON_PARTICLE_ATTRIBUTES | declared
+    return PARTICLE_ATTRIBUTES | declared
 
 
 class ParticleView:
@@ -184,7 +184,7 @@ class ParticleView:
 class View:
     """View of the state for one operator: `gas`, `dust` and `species` with the arrays that the operator declares.
 
-    The view has the attributes of the state in COMMON_STATE_ATTRIBUTES and, if the operator declares that it reads
+    The view has the attributes of the state in STATE_ATTRIBUTES and, if the operator declares that it reads
     "bodies", also those in BODY_ATTRIBUTES. `view[name]` is the result of the operator `name`.
 
     results: results of other operators by name. acc: acceleration arrays by name, which replace those of the particles.
@@ -226,7 +226,7 @@ class View:
         return name in self._first
 
     def __getattr__(self, name: str) -> Any:
-        if name in COMMON_STATE_ATTRIBUTES or (name in BODY_ATTRIBUTES and "bodies" in self._operator.reads):
+        if name in STATE_ATTRIBUTES or (name in BODY_ATTRIBUTES and "bodies" in self._operator.reads):
             return getattr(self._state, name)
         if name in BODY_ATTRIBUTES:
             raise AttributeError(f'the operator {self._operator.name} does not declare that it reads "bodies"')

@@ -185,7 +185,7 @@ def _needed_blocks(blocks: Merged, lattice: Lattice, own: Array, away: int, ring
     needed, held = own.copy(), _masks_of_largest_blocks(blocks, lattice, own)
     some = blocks_in(blocks.first_leaf, dilate(held[0], lattice, away) & dilate(held[1], lattice, away))
     if len(some) > 0:
-        lattices, found = levels.lattices(*lattice.shape, lattice.joined, LEVELS + 1), own[some]
+        lattices, found = levels.lattice_levels(*lattice.shape, lattice.joined, LEVELS + 1), own[some]
         home, _, about, near = levels.list_nodes(blocks.level[some], blocks.first_leaf[some], lattices, flat)
         mark_blocks(np.flatnonzero(found), home, about, near, rings, found)
         needed[some] = found

@@ -54,7 +54,7 @@ def test_a_second_run_is_refused_while_one_goes_on(tmp_path, going_on, resume, c
     said = capsys.readouterr()
     when = r"\w+ \w+ +\d+ \d+:\d+:\d+ \d+"
     process = rf"process {going_on} on \S+ since {when}"
-    holder = rf"{re.escape(str(out))}: another run uses this directory \({process}\); expected .*"
+    holder = rf"{re.escape(str(out))}: another run uses this directory \({process}\); use another directory, or wait .*"
     assert said.out == "" and re.fullmatch(holder, said.err.strip())
     assert contents(out) == before
 
