@@ -111,7 +111,8 @@ def test_nothing_is_long():
             if isinstance(node, ast.FunctionDef):
                 length, given = node.end_lineno - node.lineno + 1, node.args
                 taken = len([*given.posonlyargs, *given.args, *given.kwonlyargs])
-                if length > 80 or taken > 15:
+                is_command = any(".command" in ast.unparse(each) for each in node.decorator_list)  # its options
+                if length > 80 or (taken > 15 and not is_command):
                     long.append(f"{name}.{node.name}: {length} lines, {taken} arguments")
     assert long == [], "\n".join(long)
 

@@ -10,8 +10,7 @@ from __future__ import annotations
 
 import os
 import tomllib
-from collections.abc import Callable, Collection
-from contextlib import AbstractContextManager, suppress
+from collections.abc import Collection
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -23,24 +22,16 @@ from discsim.numerics.dataframe import dataframe_of
 from discsim.numerics.entries import EntryError, check_finite, check_ranges
 from discsim.output import hdf5, open_step
 from discsim.output.bins import square_pixels
-from discsim.output.contents import Extent, box_coordinates, derived_arrays, extent_of, present_kinds, support_radius
-from discsim.output.layout import GROUPS, PLAIN_UNITS, write_layout, write_particles
+from discsim.output.layout import GROUPS, PLAIN_UNITS
 from discsim.output.snapshot_entries import is_requested, read_columns, table_count, tables_of, time_of, units_of
-from discsim.parts import STARTS, Lazy
-from discsim.physics.profile import reference_density
+from discsim.parts import Lazy
 from discsim.printable import UserError, printable
-from discsim.scene import SceneError
 from discsim.scene.summary import Rows, Summarised
 from discsim.scene.units import Units
 
 if TYPE_CHECKING:
-    import h5py
-
-    from discsim.effects.base import Column
-    from discsim.numerics.bodies import Bodies
-    from discsim.numerics.state import Dust, Gas
     from discsim.output.open_step import OpenStep
-    from discsim.scene import Scene
+    from discsim.sky.image import SkyMap
 
 Array = np.ndarray
 display = Lazy("discsim.output.fields.display")
@@ -352,6 +343,73 @@ class Snapshot(Summarised):
         options = {"distance": distance, "wavelength": wavelength, "opacity": opacity}
         return display.field_of(self, name, edges, window=window, pixels=pixels, **options)
 
+    def image(
+        self,
+        wavelength: Any = "1.3 mm",
+        *,
+        distance: Any,
+        inclination: Any = "0 deg",
+        position_angle: Any = "-90 deg",
+        azimuth: Any = "0 deg",
+        beam: Any = None,
+        noise: Any = None,
+        seed: int = 0,
+        opacity: Any = None,
+        temperature: Any = None,
+        fov: Any = None,
+        pixels: int = 512,
+        position: Any = None,
+        quantity: str = "intensity",
+    ) -> SkyMap:
+        """Return an image of the disc on the sky: the continuum of its dust, or velocities of its gas.
+
+        Parameters
+        ----------
+        wavelength : str or Quantity
+            Wavelength, like "1.3 mm".
+        distance : str or Quantity
+            Distance, like "140 pc".
+        inclination, position_angle, azimuth : str or Quantity
+            Angles like "40 deg". The inclination is 0 to 85 deg for a disc that rotates as in the plane of the scene,
+            95 to 180 deg for one that rotates clockwise on the sky. The position angle, from north to east, is that of
+            the line of nodes, on its receding side. This line is the x axis of the scene, after a turn of the disc by
+            `azimuth` (counter-clockwise). By default a face-on image has x to the right and y up.
+        beam : str, Quantity, sequence or radio_beam.Beam, optional
+            Full width at half maximum, like "0.05 arcsec", or major and minor width and position angle,
+            "0.06 arcsec,0.04 arcsec,30 deg".
+        noise : str or Quantity, optional
+            Rms of noise in a beam, like "20 uJy/beam"; `seed` is the seed of its random numbers.
+        opacity : str, Quantity, sequence or Path, optional
+            Absorption opacity per gram of dust: "2 cm2/g", one such value for each population, or a file with a table
+            by wavelength and grain size (see the page on images). Default: 10 cm2/g (nu / 1 THz).
+        temperature : str, Quantity or callable, optional
+            Temperature of the dust in place of that of the gas: "20 K"; a power law "150 K,1 au,0.5" (value, radius,
+            index); "1 Lsun,0.05", a passive disc (luminosity, grazing angle); a function of radii in au.
+        fov : str or Quantity, optional
+            Side of the image, like "2 arcsec"; by default 2.2 times the radius of the disc.
+        pixels : int
+            Number of pixels along each side.
+        position : str or SkyCoord, optional
+            Right ascension and declination of the centre, like "04h31m38.4s +18d13m57s".
+        quantity : str
+            "intensity"; "velocity", that of the gas away from the observer; or "residual", the velocity less that of
+            circular Kepler orbits.
+
+        Returns
+        -------
+        SkyMap
+            Values with unit, `flux`, `spectral_index`, and `write` for a FITS file.
+
+        Raises
+        ------
+        PlotError
+            If an argument is invalid, or the run has no such image.
+        """
+        from discsim.sky.image import ImageOptions, image_of
+
+        given = {name: value for name, value in locals().items() if name in ImageOptions.__dataclass_fields__}
+        return image_of(self, ImageOptions(**given))
+
     def to_yt(self, species: str = "gas") -> Any:
         """Return the snapshot as a yt dataset in the scene's frame.
 
@@ -419,48 +477,6 @@ class Snapshot(Summarised):
             In 1D.
         """
         return tools.to_sarracen(self, species)
-
-
-def write_snapshot(
-    path: str | os.PathLike[str], scene: Scene, time: float, gas: Gas | None, dust: Dust | None,
-    extra: dict[str, dict[str, Array | Column]] | None = None, bodies: Bodies | None = None,
-    step: OpenStep | None = None, extent: Extent | None = None,
-    create: Callable[[Any], AbstractContextManager[h5py.File]] = hdf5.create,
-) -> None:  # fmt: skip
-    """Write a snapshot of the particles at `time` to `path`; the file appears when it is complete. Raises OSError.
-
-    `extra` has additional arrays by kind and name, such as {"dust": {"stokes": ...}}, in the order of the particles.
-    `step` has the data with which a new run can continue this run. `extent` has the box around the particles of all
-    ranks and their numbers; by default it is computed from the given particles. `create` is the context manager that
-    creates the file.
-    """
-    extra, present = extra or {}, present_kinds(gas, dust, bodies)
-    lower, upper, counts = extent or extent_of(scene, gas, dust, bodies)
-    support = support_radius(scene)
-    with create(path) as file:
-        hdf5.write_provenance(file, "snapshot")
-        write_layout(file, scene, time, upper - lower, counts)
-        own = file.create_group("discsim")
-        own.attrs["origin"] = lower
-        own.attrs["size"] = upper - lower
-        own.attrs["dimensions"] = scene.space.dimensions
-        own.attrs["support"] = support
-        own.attrs["energy_equation"] = gas is not None and gas.u is not None
-        units = scene.units
-        own.attrs["units"] = [np.bytes_(t.encode()) for t in (units.system, units.length_text, units.mass_text)]
-        hdf5.write_array(own, "Scene", np.frombuffer(scene.text.encode(), np.uint8))
-        if step is not None:
-            open_step.write(own, step)
-        with suppress(SceneError):  # the original start of the snapshot in [initial] is unknown
-            if scene.initial is not None and STARTS[scene.initial.kind].reference_density is not None:
-                own.attrs["reference_density"] = reference_density(scene)
-        for name, particles in present.items():
-            arrays: dict[str, Any] = particles.arrays() | derived_arrays(scene, name, particles) | extra.get(name, {})
-            arrays.setdefault("ids", np.arange(particles.count))
-            arrays["pos"] = box_coordinates(particles.pos, lower, upper)
-            if name == "gas":
-                arrays["h"] = arrays["h"] * support
-            write_particles(file, name, arrays, units)
 
 
 def snapshot_files(source: str | os.PathLike[str]) -> list[Path]:

@@ -17,12 +17,11 @@ from typing import Any
 from discsim.effects.base import Effect, kick_effect_name
 from discsim.numerics.state import State
 from discsim.output.checkpoint import Values
-from discsim.output.contents import Extent, extent_of
 from discsim.output.history import history_row
 from discsim.output.layout import GROUPS
 from discsim.output.open_step import KICKED, open_step_of
 from discsim.output.parts import remove_unused_parts
-from discsim.output.snapshot import write_snapshot
+from discsim.output.snapshot_writer import Extent, extent_of, write_snapshot
 from discsim.printable import printable
 from discsim.ranks import output
 from discsim.ranks.comm import Comm

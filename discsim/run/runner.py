@@ -20,7 +20,7 @@ from discsim.output.checkpoint import OtherVersionWarning, Scalar, Values, other
 from discsim.output.files import command_line, replace_atomically
 from discsim.output.open_step import open_step_of
 from discsim.output.parts import remove_unused_parts
-from discsim.output.snapshot import write_snapshot
+from discsim.output.snapshot_writer import write_snapshot
 from discsim.preview.derived import effect_rows
 from discsim.preview.forecast import store_slowness
 from discsim.preview.warnings import warnings

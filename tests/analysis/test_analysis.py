@@ -11,7 +11,8 @@ from discsim.exact import dustywave, riemann
 from discsim.numerics.state import Dust, Gas
 from discsim.output.bins import CUTOFF, density_range, gaussians
 from discsim.output.figure import last_state_figure
-from discsim.output.snapshot import SnapshotError, read_snapshot, write_snapshot
+from discsim.output.snapshot import SnapshotError, read_snapshot
+from discsim.output.snapshot_writer import write_snapshot
 from discsim.scene import load_scene
 
 DISC = {

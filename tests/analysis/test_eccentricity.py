@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from test_studies import even, gas_of
 
-from discsim.output.snapshot import write_snapshot
+from discsim.output.snapshot_writer import write_snapshot
 from discsim.scene import load_scene
 
 DISC = """

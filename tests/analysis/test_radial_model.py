@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 
 from discsim.exact import nsh
 from discsim.numerics.state import Dust
-from discsim.output.snapshot import write_snapshot
+from discsim.output.snapshot_writer import write_snapshot
 from discsim.physics import viscosity
 from discsim.scene import load_scene
 

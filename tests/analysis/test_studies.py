@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from discsim.numerics.state import Dust, Gas
-from discsim.output.snapshot import write_snapshot
+from discsim.output.snapshot_writer import write_snapshot
 from discsim.scene import load_scene
 
 ROOT = Path(__file__).parents[2]

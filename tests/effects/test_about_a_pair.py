@@ -6,7 +6,7 @@ from pair import EFFECTS, FIRST, GRAINS, LOCALLY, PASSIVE, SECOND, SOFT, differe
 
 from discsim import Simulation, read_snapshot
 from discsim.initial import start_of
-from discsim.output.snapshot import write_snapshot
+from discsim.output.snapshot_writer import write_snapshot
 from discsim.parts import EFFECTS as ALL
 from discsim.preview.derived import derived_rows
 from discsim.scene import load_scene

@@ -22,7 +22,7 @@ from drags import ON_GRID
 
 from discsim import SceneError, Simulation, parts, read_snapshot
 from discsim.output.history import history_row
-from discsim.output.snapshot import write_snapshot
+from discsim.output.snapshot_writer import write_snapshot
 from discsim.preview.check import report
 from discsim.run import runner
 from discsim.run.simulation import PhysicsError

@@ -12,7 +12,7 @@ from discsim.effects.base import kick_effect_name
 from discsim.numerics import thread_pool, threads
 from discsim.output.checkpoint import read_checkpoint
 from discsim.output.open_step import open_step_of
-from discsim.output.snapshot import write_snapshot
+from discsim.output.snapshot_writer import write_snapshot
 from discsim.scene import load_scene
 
 DISC = """\

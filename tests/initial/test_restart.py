@@ -6,7 +6,7 @@ from scenes import problems
 
 from discsim import Simulation
 from discsim.initial.refine import refine_particles
-from discsim.output.snapshot import write_snapshot
+from discsim.output.snapshot_writer import write_snapshot
 
 
 def scene(**tables):

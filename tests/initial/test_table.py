@@ -6,7 +6,7 @@ from runs import assert_resumes
 from scenes import problems
 
 from discsim import Simulation, load_scene
-from discsim.output.snapshot import write_snapshot
+from discsim.output.snapshot_writer import write_snapshot
 from discsim.physics import profile
 from discsim.physics.given_disc import PrescribedDisc
 from discsim.preview.derived import derived_rows, gas_at_start

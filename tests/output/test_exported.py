@@ -8,7 +8,7 @@ import pytest
 
 from discsim import load_scene, read_snapshot
 from discsim.numerics.state import Dust, Gas
-from discsim.output.snapshot import write_snapshot
+from discsim.output.snapshot_writer import write_snapshot
 from discsim.output.tools import NEIGHBOUR_AT_R, _radius_and_density
 
 DISC = {

@@ -9,7 +9,8 @@ from discsim.numerics.state import Dust
 from discsim.output import figure
 from discsim.output.drawing import common_norm, map_picture
 from discsim.output.fields.values import fields_on_pixels
-from discsim.output.snapshot import SnapshotParticles, read_snapshot, write_snapshot
+from discsim.output.snapshot import SnapshotParticles, read_snapshot
+from discsim.output.snapshot_writer import write_snapshot
 from discsim.scene import load_scene
 
 COUNT = 6000

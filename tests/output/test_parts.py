@@ -15,8 +15,8 @@ from discsim import read_snapshot
 from discsim.numerics.state import Dust, Gas
 from discsim.output import open_step, parts
 from discsim.output.checkpoint import CheckpointError, check_checkpoint, read_checkpoint, write_checkpoint
-from discsim.output.contents import extent_of
-from discsim.output.snapshot import SnapshotError, write_snapshot
+from discsim.output.snapshot import SnapshotError
+from discsim.output.snapshot_writer import extent_of, write_snapshot
 from discsim.run.checkpoints import Checkpoints
 from discsim.run.directory import CHECKPOINTS, copy_input_files, remove_partial_files
 from discsim.run.runner import run_scene

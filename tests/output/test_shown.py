@@ -9,7 +9,7 @@ from astropy import units as u
 import discsim
 from discsim.numerics.state import Dust, Gas
 from discsim.output.fields.display import display_options
-from discsim.output.snapshot import write_snapshot
+from discsim.output.snapshot_writer import write_snapshot
 
 COUNT, RADII = 900, (2.0, 5.0)  # au, of an even disc
 SCENE = {

@@ -8,7 +8,8 @@ from runs import put_out
 from discsim import Simulation
 from discsim.numerics.state import Dust, Gas
 from discsim.output.checkpoint import CheckpointError, read_checkpoint, write_checkpoint
-from discsim.output.snapshot import SnapshotError, read_snapshot, write_snapshot
+from discsim.output.snapshot import SnapshotError, read_snapshot
+from discsim.output.snapshot_writer import write_snapshot
 from discsim.scene import load_scene
 
 DISC = {

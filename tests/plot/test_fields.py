@@ -17,7 +17,8 @@ from discsim.output.fields.base import FieldError
 from discsim.output.fields.binned import Optics
 from discsim.output.fields.names import available_fields, field_rows, matching_fields, missing_reason, needed_columns
 from discsim.output.fields.values import fields_on_pixels
-from discsim.output.snapshot import read_snapshot, write_snapshot
+from discsim.output.snapshot import read_snapshot
+from discsim.output.snapshot_writer import write_snapshot
 from discsim.parts import FIELDS
 from discsim.scene import load_scene
 

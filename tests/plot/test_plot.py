@@ -16,7 +16,8 @@ from discsim.numerics.state import Dust, Gas
 from discsim.output.drawing import number_text, round_number, set_log_ticks
 from discsim.output.fields.base import PlotError
 from discsim.output.fields.display import display_options
-from discsim.output.snapshot import snapshot_files, write_snapshot
+from discsim.output.snapshot import snapshot_files
+from discsim.output.snapshot_writer import write_snapshot
 from discsim.plot.request import Request
 from discsim.plot.sources import select_snapshots
 from discsim.scene import load_scene

@@ -12,7 +12,7 @@ from astropy import units as u
 from runs import at_step, state_bits
 
 from discsim import Simulation, load_scene, read_snapshot
-from discsim.output.snapshot import write_snapshot
+from discsim.output.snapshot_writer import write_snapshot
 from discsim.parts import Lazy
 
 SCENE = {

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 PIXELS = 480
+MAX_PIXELS = 20_000  # a map of more takes more than 3 GB for each field
 MAX_SIZE = 1e60  # numbers on axes are 0 or from 1/MAX_SIZE to MAX_SIZE in magnitude, as values of a scene
 RANGE_TEXT = f"{1.0 / MAX_SIZE:g} to {MAX_SIZE:g}"
 
@@ -172,13 +173,22 @@ def display_options(
     """
     optics = None
     if wavelength is not None or opacity is not None:
-        seen = _quantity(Optics.default().wavelength if wavelength is None else wavelength, f"{prefix}wavelength", "mm")
-        optics = Optics(seen, None if opacity is None else _quantity(opacity, f"{prefix}opacity", "cm2/g"))
-    away = None if distance is None else _quantity(distance, f"{prefix}distance", "pc")
+        seen = positive_quantity(
+            Optics.default().wavelength if wavelength is None else wavelength, f"{prefix}wavelength", "mm"
+        )
+        optics = Optics(seen, None if opacity is None else positive_quantity(opacity, f"{prefix}opacity", "cm2/g"))
+    away = None if distance is None else positive_quantity(distance, f"{prefix}distance", "pc")
     ends = None if limits is None else _limits(limits, "--range" if prefix else "limits")
-    if isinstance(pixels, bool) or not isinstance(pixels, Integral) or pixels < 1:
-        raise PlotError(f"{prefix}pixels: {_message_text(pixels)}; expected a whole number, 1 or more")
-    return DisplayOptions(_window(window, prefix), ends, away, optics, pixels=int(pixels), prefix=prefix)
+    return DisplayOptions(
+        _window(window, prefix), ends, away, optics, pixels=checked_pixels(pixels, prefix), prefix=prefix
+    )
+
+
+def checked_pixels(pixels: Any, prefix: str = "") -> int:
+    """Return a number of pixels as int. Raises PlotError unless it is a whole number from 1 to MAX_PIXELS."""
+    if isinstance(pixels, bool) or not isinstance(pixels, Integral) or not 1 <= pixels <= MAX_PIXELS:
+        raise PlotError(f"{prefix}pixels: {_message_text(pixels)}; expected a whole number from 1 to {MAX_PIXELS:_}")
+    return int(pixels)
 
 
 def _window(given: Any, prefix: str) -> Any:
@@ -217,7 +227,7 @@ def _message_text(given: Any) -> str:
     return clipped(" ".join(str(given).split()))
 
 
-def _quantity(given: Any, name: str, unit: str) -> Any:
+def positive_quantity(given: Any, name: str, unit: str) -> Any:
     """Return an argument as a positive astropy Quantity with the dimension of `unit`. Raises PlotError."""
     expected = f"a value above 0 with a unit like {unit}"
     try:

@@ -1,17 +1,28 @@
-"""Entries of a snapshot that are not arrays of the state: the box, the kernel's support, derived quantities."""
+"""Writing of snapshots in the layout of `output/snapshot.py`: the box, derived quantities, the file."""
 
 from __future__ import annotations
 
+import os
+from collections.abc import Callable
+from contextlib import AbstractContextManager, suppress
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from discsim.parts import Lazy
+from discsim.output import hdf5, open_step
+from discsim.output.layout import write_layout, write_particles
+from discsim.parts import STARTS, Lazy
 from discsim.physics.eos import eos_of
+from discsim.physics.profile import reference_density
+from discsim.scene import SceneError
 
 if TYPE_CHECKING:
+    import h5py
+
+    from discsim.effects.base import Column
     from discsim.numerics.bodies import Bodies
     from discsim.numerics.state import Dust, Gas, Particles
+    from discsim.output.open_step import OpenStep
     from discsim.scene import Scene
 
 Array = np.ndarray
@@ -24,6 +35,48 @@ class Extent(NamedTuple):
     lower: Array
     upper: Array
     counts: dict[str, int]
+
+
+def write_snapshot(
+    path: str | os.PathLike[str], scene: Scene, time: float, gas: Gas | None, dust: Dust | None,
+    extra: dict[str, dict[str, Array | Column]] | None = None, bodies: Bodies | None = None,
+    step: OpenStep | None = None, extent: Extent | None = None,
+    create: Callable[[Any], AbstractContextManager[h5py.File]] = hdf5.create,
+) -> None:  # fmt: skip
+    """Write a snapshot of the particles at `time` to `path`; the file appears when it is complete. Raises OSError.
+
+    `extra` has additional arrays by kind and name, such as {"dust": {"stokes": ...}}, in the order of the particles.
+    `step` has the data with which a new run can continue this run. `extent` has the box around the particles of all
+    ranks and their numbers; by default it is computed from the given particles. `create` is the context manager that
+    creates the file.
+    """
+    extra, present = extra or {}, present_kinds(gas, dust, bodies)
+    lower, upper, counts = extent or extent_of(scene, gas, dust, bodies)
+    support = support_radius(scene)
+    with create(path) as file:
+        hdf5.write_provenance(file, "snapshot")
+        write_layout(file, scene, time, upper - lower, counts)
+        own = file.create_group("discsim")
+        own.attrs["origin"] = lower
+        own.attrs["size"] = upper - lower
+        own.attrs["dimensions"] = scene.space.dimensions
+        own.attrs["support"] = support
+        own.attrs["energy_equation"] = gas is not None and gas.u is not None
+        units = scene.units
+        own.attrs["units"] = [np.bytes_(t.encode()) for t in (units.system, units.length_text, units.mass_text)]
+        hdf5.write_array(own, "Scene", np.frombuffer(scene.text.encode(), np.uint8))
+        if step is not None:
+            open_step.write(own, step)
+        with suppress(SceneError):  # the original start of the snapshot in [initial] is unknown
+            if scene.initial is not None and STARTS[scene.initial.kind].reference_density is not None:
+                own.attrs["reference_density"] = reference_density(scene)
+        for name, particles in present.items():
+            arrays: dict[str, Any] = particles.arrays() | derived_arrays(scene, name, particles) | extra.get(name, {})
+            arrays.setdefault("ids", np.arange(particles.count))
+            arrays["pos"] = box_coordinates(particles.pos, lower, upper)
+            if name == "gas":
+                arrays["h"] = arrays["h"] * support
+            write_particles(file, name, arrays, units)
 
 
 def extent_of(scene: Scene, gas: Gas | None, dust: Dust | None, bodies: Bodies | None) -> Extent:

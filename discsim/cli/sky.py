@@ -1,0 +1,74 @@
+"""Commands that show a disc as a telescope would: `image`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from discsim.cli.base import app, exit_on_fault, show
+
+if TYPE_CHECKING:
+    pass
+
+
+@app.command()
+def image(
+    source: Annotated[Path, typer.Argument(metavar="DIR|FILE", help="Directory of a run, or a snapshot.")],
+    distance: Annotated[str, typer.Option(metavar="D", help='Distance of the disc, like "140 pc".')],
+    wavelength: Annotated[
+        list[str] | None, typer.Option(metavar="L", help='Wavelength, like "0.9 mm"; may be repeated [1.3 mm].')
+    ] = None,
+    quantity: Annotated[
+        str, typer.Option(metavar="NAME", help="intensity, or velocity or residual (less Kepler's) of the gas.")
+    ] = "intensity",
+    inclination: Annotated[str, typer.Option(metavar="ANGLE", help="0 deg: seen face-on.")] = "0 deg",
+    position_angle: Annotated[
+        str, typer.Option(metavar="ANGLE", help="Of the receding half of the major axis, from north to east.")
+    ] = "-90 deg",
+    azimuth: Annotated[
+        str, typer.Option(metavar="ANGLE", help="Turn of the disc, counter-clockwise, before it is inclined.")
+    ] = "0 deg",
+    beam: Annotated[
+        str | None,
+        typer.Option(metavar="WIDTH", help='Full width, "0.05 arcsec", or "0.06 arcsec,0.04 arcsec,30 deg".'),
+    ] = None,
+    noise: Annotated[str | None, typer.Option(metavar="RMS", help='Noise in a beam, like "20 uJy/beam".')] = None,
+    seed: Annotated[int, typer.Option(help="Seed of the noise.")] = 0,
+    opacity: Annotated[
+        str | None,
+        typer.Option(
+            metavar="K|FILE",
+            help='Per gram of dust: "2 cm2/g", one for each population with commas, or a table [10 cm2/g (nu / THz)].',
+        ),
+    ] = None,
+    temperature: Annotated[
+        str | None,
+        typer.Option(metavar="T", help='"20 K", "150 K,1 au,0.5" (a power law) or "1 Lsun" [that of the gas].'),
+    ] = None,
+    fov: Annotated[str | None, typer.Option(metavar="ANGLE", help='Side of the image, like "2 arcsec".')] = None,
+    pixels: Annotated[int, typer.Option(help="Pixels along each side.")] = 512,
+    position: Annotated[
+        str | None, typer.Option(metavar="RA DEC", help='Of the centre, like "04h31m38.4s +18d13m57s".')
+    ] = None,
+    at: Annotated[
+        str | None, typer.Option(metavar="T", help='Time of the snapshot, like "700 yr"; the nearest [the last].')
+    ] = None,
+    stretch: Annotated[str, typer.Option(help="Of the colours of intensities: linear, sqrt or log.")] = "linear",
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", metavar="FILE", help="Figure, png, pdf or svg; FITS files go next to it."),
+    ] = None,
+) -> None:
+    """Make images of the disc on the sky: a figure and FITS files, with the spectral index of two wavelengths."""
+    from discsim.sky.image import ImageOptions
+    from discsim.sky.products import write_products
+
+    given = {name: value for name, value in locals().items() if name in ImageOptions.__dataclass_fields__}
+    del given["wavelength"]
+
+    with exit_on_fault("written", "the image"):
+        options = ImageOptions(**given, prefix="--")
+        paths = write_products(source, options, wavelength or ["1.3 mm"], at, output, stretch)
+    show("\n".join(str(path) for path in paths))
