@@ -62,8 +62,8 @@ class Dust(NamedTuple):
 
     acc_unshared (n, d): the part of `acc` that does not act on gas, for example radiation pressure. class_of (n,): the
     row of `DragLaw.grains` with the parameters of the grain. per_grain (n,): one number per grain, or empty. If grains
-    have their own sizes, it is the stopping time of the grain divided by the stopping time of its class. With the law
-    "constant" and sparse dust, it is the dust density at the grain.
+    have their own sizes, it is the stopping time of the grain divided by the stopping time of its class. With the
+    law t_stop = rho_d / K and sparse dust, it is the dust density at the grain.
     """
 
     pos: Array

@@ -78,7 +78,7 @@ def solve_density(particles: DustParticles) -> None:
 def densities_of_sparse_dust(gas: Gas, dust: Dust, law: DragLaw, context: KickContext, scene: Scene) -> Array:
     """Return the SPH density (n,) of the dust of sparse populations, and 0 for all other dust.
 
-    The array is empty if the law is not "constant", which alone needs a dust density, or if no population is sparse.
+    The array is empty if no population is sparse, or if the law is not t_stop = rho_d / K, which alone needs a density.
     Most drag cells have no grain of a sparse population. The density from the numbers in cells, and with it
     t_stop = rho_d / K, would be that of one grain per cell, whatever the true density.
     """

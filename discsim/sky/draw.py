@@ -107,7 +107,8 @@ def _norm_of(quantity: str, values: Array, limits: tuple[float, float] | None, s
 
     if quantity == "intensity":
         if stretch == "log":
-            return LogNorm(*(limits or density_range(values)), clip=True)
+            low, high = limits or density_range(values)
+            return LogNorm(low, high, clip=True)
         low, high = limits or (min(0.0, float(values.min(initial=0.0))), float(values.max(initial=0.0)) or 1.0)
         return PowerNorm(0.5, low, high, clip=True) if stretch == "sqrt" else Normalize(low, high, clip=True)
     seen = values[np.isfinite(values)]

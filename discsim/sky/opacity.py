@@ -25,9 +25,11 @@ MAX_BYTES = 1 << 28  # largest file of opacities
 
 
 class Opacity(Protocol):
-    """Opacity of dust; `text` describes it on figures and in files."""
+    """Opacity of dust."""
 
-    text: str
+    @property
+    def text(self) -> str:
+        """Description for figures and files."""
 
     def absorption(self, wavelength: Any, species: Array, size: Array | None) -> Array:
         """Return the opacity (n,) in cm2/g of grains of populations `species` (n,) with radii `size` (n,) in cm.

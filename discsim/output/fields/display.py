@@ -186,7 +186,7 @@ def display_options(
 
 def checked_pixels(pixels: Any, prefix: str = "") -> int:
     """Return a number of pixels as int. Raises PlotError unless it is a whole number from 1 to MAX_PIXELS."""
-    if isinstance(pixels, bool) or not isinstance(pixels, Integral) or not 1 <= pixels <= MAX_PIXELS:
+    if isinstance(pixels, bool) or not isinstance(pixels, Integral) or not 1 <= int(pixels) <= MAX_PIXELS:
         raise PlotError(f"{prefix}pixels: {_message_text(pixels)}; expected a whole number from 1 to {MAX_PIXELS:_}")
     return int(pixels)
 
