@@ -18,16 +18,20 @@ from PIL import Image, PngImagePlugin
 HOME = Path(__file__).parents[1]
 FIGURES = HOME / "analysis" / "figures"
 MAIN = ("gas.particles=6000", "dust.particles=10000", "space.cells=128", "run.until=700 yr")
-# Picture -> setup, changes of it, fields of `discsim plot` (none: the figure of the last state).
-PICTURES: dict[str, tuple[str, tuple[str, ...], str]] = {
-    "first_disc": ("disc", (), ""),
-    "dusty_disc": ("dusty_disc", (), ""),
-    "plot_fields": ("dusty_disc", MAIN, "toomre_q,dust_to_gas,dust.v_r"),
-    "planet_dust": ("planet_dust", (), ""),
-    "planet_gap": ("planet_gap", (), ""),
-    "planet_torque": ("planet_torque", (), ""),
-    "gravitoturbulent": ("gravitoturbulent", (), ""),
-    "cooling_fragments": ("cooling_fragments", (), ""),
+SKY = ("gas.particles=12000", "dust.particles=40000", "space.cells=256", "run.until=700 yr")
+SEEN = "--distance;140 pc;--wavelength;0.87 mm;--wavelength;3 mm;--inclination;50 deg;--position-angle;30 deg".split(";")
+BEAM = "--beam;0.1 arcsec,0.06 arcsec,60 deg;--noise;20 uJy/beam".split(";")
+# Picture -> setup, changes of it, and the command that draws the run (none: the figure of the last state).
+PICTURES: dict[str, tuple[str, tuple[str, ...], tuple[str, ...]]] = {
+    "first_disc": ("disc", (), ()),
+    "dusty_disc": ("dusty_disc", (), ()),
+    "plot_fields": ("dusty_disc", MAIN, ("plot", "--field", "toomre_q,dust_to_gas,dust.v_r")),
+    "sky_image": ("dusty_disc", SKY, ("image", *SEEN, *BEAM)),
+    "planet_dust": ("planet_dust", (), ()),
+    "planet_gap": ("planet_gap", (), ()),
+    "planet_torque": ("planet_torque", (), ()),
+    "gravitoturbulent": ("gravitoturbulent", (), ()),
+    "cooling_fragments": ("cooling_fragments", (), ()),
 }
 
 
@@ -43,14 +47,14 @@ def main() -> None:
 
 def drawn(name: str, run: Path) -> Path:
     """The figure of a run, which is made or finished first."""
-    setup, changes, fields = PICTURES[name]
+    setup, changes, drawing = PICTURES[name]
     figure = run / "last_state.png"
     if not figure.exists():
         settings = [f"--set={change}" for change in changes]
         discsim("run", HOME / f"setups/{setup}.toml", "-o", run, *settings, *(["--resume"] if run.exists() else []))
-    if fields:
-        figure = run / "fields.png"
-        discsim("plot", run, "--field", fields, "-o", figure)
+    if drawing:
+        figure = run / f"{drawing[0]}.png"
+        discsim(drawing[0], run, *drawing[1:], "-o", figure)
     return figure
 
 
