@@ -19,8 +19,8 @@ HOME = Path(__file__).parents[1]
 FIGURES = HOME / "analysis" / "figures"
 MAIN = ("gas.particles=6000", "dust.particles=10000", "space.cells=128", "run.until=700 yr")
 SKY = ("gas.particles=12000", "dust.particles=40000", "space.cells=256", "run.until=700 yr")
-SEEN = "--distance;140 pc;--wavelength;0.87 mm;--wavelength;3 mm;--inclination;50 deg;--position-angle;30 deg".split(";")
-BEAM = "--beam;0.1 arcsec,0.06 arcsec,60 deg;--noise;20 uJy/beam".split(";")
+SEEN = ("--distance", "140 pc", "--wavelength", "0.87 mm", "--wavelength", "3 mm", "--inclination", "50 deg")
+BEAM = ("--position-angle", "30 deg", "--beam", "0.1 arcsec,0.06 arcsec,60 deg", "--noise", "20 uJy/beam")
 # Picture -> setup, changes of it, and the command that draws the run (none: the figure of the last state).
 PICTURES: dict[str, tuple[str, tuple[str, ...], tuple[str, ...]]] = {
     "first_disc": ("disc", (), ()),

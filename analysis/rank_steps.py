@@ -71,7 +71,7 @@ def _seconds(begin: Spent, end: Spent) -> tuple[dict[str, float], float]:
     out = {name: spent - begin.effects[name] - in_calls.get(name, 0.0) for name, spent in end.effects.items()}
     out["step"] = end.cpu - begin.cpu - sum(out.values()) - sum(in_calls.values())
     of_part = Counter({part: end.parts[part] - begin.parts[part] for part in PARTS.values()})  # 0: no calls
-    of_part["transforms"] += end.passes["each"] - begin.passes["each"]
+    of_part["transforms"] += end.passes["run_batches"] - begin.passes["run_batches"]
     out |= of_part
     out["windows"] = out.pop("self_gravity") - sum(of_part.values())
     return out, end.wall - begin.wall

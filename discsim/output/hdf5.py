@@ -340,7 +340,7 @@ def open_checked(path: str | os.PathLike[str]) -> Iterator[CheckedGroup]:
 
 @contextmanager
 def open_file_of_kind(path: str | os.PathLike[str], error: type[Exception], kind: str) -> Iterator[CheckedGroup]:
-    """Open a file of discsim for reading, and yield its root group; `kind` is "snapshot" or "checkpoint".
+    """Open a file of discsim for reading, and yield its root group; `kind` names the kind of file, as in messages.
 
     Raises `error` with a message if the file is missing, damaged or of another kind, or if one of its parts is missing.
     Exceptions in the block that come from damaged data are converted to `error` too.

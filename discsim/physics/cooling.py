@@ -42,7 +42,7 @@ def target_energy(scene: Scene, r: Array) -> Array:
 
 
 def cooling_time(scene: Scene, r: Array) -> Array:
-    """Return t_cool (n,) at radius `r` (n,), for the kinds "beta" (beta / Omega) and "constant" of cooling."""
+    """Return t_cool (n,) at radius `r` (n,), for cooling in a fixed time or in a time beta / Omega."""
     own: Any = scene.cooling
     r = np.asarray(r, float)
     return own.beta / kepler_omega(scene, r) if own.kind == "beta" else np.full(r.shape, own.t_cool)

@@ -121,7 +121,7 @@ def test_the_frame_finds_whom_it_looks_at_where_others_come_and_go(monkeypatch):
     rng, searches, search = np.random.default_rng(4), [], frame.multiples_of
     monkeypatch.setattr(frame, "SAMPLE", 16)
     monkeypatch.setattr(frame, "multiples_of", lambda *given: searches.append(given) or search(*given))
-    monkeypatch.setattr(frame.world, "processes", SimpleNamespace(many=True))
+    monkeypatch.setattr(frame.world, "processes", SimpleNamespace(is_parallel=True))
     whole, samples = rng.permutation(1000), {}
     ids, loose = whole[:400], np.empty(0, np.int64)
     for step in range(30):
@@ -136,7 +136,7 @@ def test_the_frame_finds_whom_it_looks_at_where_others_come_and_go(monkeypatch):
             loose = np.concatenate([loose, others, rows % left, np.arange(min(left, len(ids)), 700)])
             ids = whole[:left]
         ids = whole[: len(ids)]
-        found = frame._sample(samples, "dust", SimpleNamespace(ids=ids, everywhere=1000, unsorted_rows=loose))
+        found = frame._sample(samples, "dust", SimpleNamespace(ids=ids, global_count=1000, unsorted_rows=loose))
         assert found.tolist() == search(ids, 64).tolist() and len(found) > 0
     assert len(searches) == 3
 

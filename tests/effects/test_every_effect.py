@@ -88,8 +88,8 @@ def test_the_same_bits_on_any_number_of_threads(monkeypatch, start):
     assert ends[0] == ends[1] == ends[2]
 
 
-def last_piece_first(kernel, parts, arguments, lengths, number):
-    return [kernel(*part, *arguments) for part in parts[::-1]][::-1]
+def last_piece_first(calls, lengths):
+    return [call() for call in calls[::-1]][::-1]
 
 
 def test_effects_act_on_whom_they_say(start):

@@ -372,7 +372,7 @@ def test_own_particles_bring_what_they_like():
     own["gas"]["small"] = own["gas"]["mass"]
     with pytest.raises(SceneError, match=r"small\[0\] is .* not below mass"):
         Simulation(scene, particles=own)
-    with pytest.raises(SceneError, match=r"small is given, but there is no \[growth\]"):
+    with pytest.raises(SceneError, match=r"small is given, but there is no table \[growth\]"):
         Simulation(changed(scene, growth=None), particles=own)
 
 

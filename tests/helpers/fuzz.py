@@ -24,7 +24,7 @@ from discsim import SceneError, Simulation, parts, read_snapshot
 from discsim.output.history import history_row
 from discsim.output.snapshot_writer import write_snapshot
 from discsim.preview.check import report
-from discsim.run import runner
+from discsim.run import outputs
 from discsim.run.simulation import PhysicsError
 from discsim.scene import fields, load_scene
 from discsim.scene.tables import TABLES, Run, Space
@@ -336,7 +336,7 @@ def _left(sim: Simulation) -> list[object]:
     """The row of its history, once a snapshot is written and a checkpoint goes on with the same bits."""
     with sim.synchronised() as state, tempfile.TemporaryDirectory() as directory:
         snapshot, checkpoint = Path(directory) / "0000.h5", Path(directory) / "checkpoint.h5"
-        extra = runner.columns(state, sim.effects.values())
+        extra = outputs.effect_columns(state, sim.effects.values())
         write_snapshot(snapshot, sim.scene, state.time, state.gas, state.dust, extra)
         assert read_snapshot(snapshot).time == state.time
         sim.save(checkpoint)

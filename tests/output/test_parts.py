@@ -203,7 +203,7 @@ def test_a_kill_at_any_moment_leaves_a_checkpoint(tmp_path):
         checkpoints = Checkpoints(left)
         values = checkpoints.newest()[1]
         remove_partial_files(left)  # as a run does that goes on
-        checkpoints.settle()
+        checkpoints.keep_chosen()
         parts.remove_unused_parts(left)
         groups, again = read_checkpoint(left / path.name)
         assert again == values and np.array_equal(groups["gas"]["mass"], np.arange(12.0) + 100 * values["number"])

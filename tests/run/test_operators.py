@@ -160,7 +160,7 @@ def test_a_step_limit_of_each_effect_is_that_of_its_operators(sim):
 
 
 def test_an_effect_of_the_former_interface_is_refused():
-    with pytest.raises(TypeError, match=r"expected operators [(]docs/recipes/effect[.]md"):
+    with pytest.raises(TypeError, match=r"add the method operators [(]docs/recipes/effect[.]md"):
         type("Old", (base.Effect,), {"accelerate": lambda self, state: None})
 
 

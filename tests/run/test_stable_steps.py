@@ -169,7 +169,7 @@ def test_gas_is_watched_in_whatever_order_it_is(swings):
         acc = start[ids] + kick[ids] * ((step % 2) if swings else step)
         acc -= 1.7 * away / ((away**2).sum(axis=1)[:, None] + 0.1**2) ** 1.5
         gas = SimpleNamespace(
-            ids=ids, pos=pos[ids], acc=acc, count=len(ids), everywhere=len(ids), sound_speed=np.full(len(ids), SPEED)
+            ids=ids, pos=pos[ids], acc=acc, count=len(ids), global_count=len(ids), sound_speed=np.full(len(ids), SPEED)
         )
         state = SimpleNamespace(
             gas=gas, step=step, time=dt * step, central=(1.7, 0.1), from_centre=lambda x: x - centre,

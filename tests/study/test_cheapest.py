@@ -82,7 +82,7 @@ def test_the_cheapest_setting_of_a_wave(wave, tmp_path):
         (["--error", "1%", "--measure", "gas-profile", "--reference", "gas.particle=7"], 'did you mean "particles"'),
         (["--error", "1%", "--measure", "gas-profile", "--reference", "gas.particles"], "not a key with a value"),
         (["--measure", "exact", "--vary", "drag.K=1,2"], "--measure: used only with --error"),
-        ([], "expected --error 1%"),
+        ([], "give --error 1%"),
     ],
 )
 def test_faults_are_one_line_and_write_nothing(wave, tmp_path, arguments, words):

@@ -207,7 +207,7 @@ def test_a_fifo_in_place_of_a_scene_is_not_waited_for(scene, made, tmp_path):
     given = [sys.executable, "-m", "discsim", "sweep", str(scene), *STOKES, "-o", str(tmp_path / "a")]
     done = subprocess.run(given, capture_output=True, text=True, timeout=60)  # starting takes a few seconds
     assert done.returncode == 2 and done.stderr.count("\n") == 1
-    assert f"{folder}/scene.toml: cannot be read: is a FIFO, not a plain file; expected" in done.stderr
+    assert f"{folder}/scene.toml: cannot be read: is a FIFO, not a plain file; restore" in done.stderr
     assert os.listdir(tmp_path / "a") == [folder.name]
 
 
