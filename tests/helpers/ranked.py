@@ -21,7 +21,7 @@ from discsim.output.history import history_row
 from discsim.ranks.comm import Comm
 from discsim.ranks.output import gather_columns, gather_state
 from discsim.ranks.start import divide
-from discsim.run.runner import columns
+from discsim.run.outputs import effect_columns
 from discsim.scene import SceneError
 
 MOST = 0.1  # of a step: where all is gone nothing limits it
@@ -39,7 +39,7 @@ def stepped(scene, steps, most, comm):
     for _ in range(steps):
         dt = sim.step(most=most)
         rows.append(history_row(sim.state, sim.effects, dt, sim.limited_by))
-    state, extra = sim.state, columns(sim.state, sim.effects.values())
+    state, extra = sim.state, effect_columns(sim.state, sim.effects.values())
     held = sum(p.count for p in state.species.values())
     if comm is not None:
         extra, state = gather_columns(comm, state, extra), gather_state(comm, state)
