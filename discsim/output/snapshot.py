@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 Array = np.ndarray
 display = Lazy("discsim.output.fields.display")
 frame = Lazy("discsim.output.fields.frame")
+sky = Lazy("discsim.sky.image")
 tools = Lazy("discsim.output.tools")
 FINITE = ("pos", "vel", "mass", "density", "h", "u", "pressure", "sound_speed", "temperature", "small", "size")
 
@@ -405,10 +406,9 @@ class Snapshot(Summarised):
         PlotError
             If an argument is invalid, or the run has no such image.
         """
-        from discsim.sky.image import ImageOptions, image_of
-
-        given = {name: value for name, value in locals().items() if name in ImageOptions.__dataclass_fields__}
-        return image_of(self, ImageOptions(**given))
+        given = locals()
+        options = {field.name: given[field.name] for field in fields(sky.ImageOptions) if field.name in given}
+        return sky.image_of(self, sky.ImageOptions(**options))
 
     def to_yt(self, species: str = "gas") -> Any:
         """Return the snapshot as a yt dataset in the scene's frame.
