@@ -13,20 +13,22 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from discsim.effects.added_force import descriptions
 from discsim.effects.base import kick_effect_name
 from discsim.initial import start_time
 from discsim.numerics.bodies import Bodies
 from discsim.numerics.entries import EntryError, check_arrays, check_finite, check_like, check_ranges
 from discsim.numerics.state import Ledger, State, SubcycleClock
-from discsim.output.checkpoint import Values
+from discsim.output.checkpoint import CheckpointError, Scalar, Values
 from discsim.run.costs import Costs
 from discsim.run.forces import Effects, Limits
+from discsim.scene.units import clipped
 
 Array = np.ndarray
 Groups = Mapping[str, Any]
 # Names of the fields of `Limits` in a checkpoint, in the same order.
-LIMIT_NAMES = (("limit", "limited_by"), ("dust_limit", "dust_limited_by"))
-UNSTABLE_LIMIT = "growing_limit"
+LIMITS = ("limit", "limited_by", "dust_limit", "dust_limited_by", "growing_limit")
+ADDED_FORCES = "added_forces"  # descriptions of added forces, in a checkpoint of a run that has some
 
 
 class CheckedContents(NamedTuple):
@@ -40,6 +42,33 @@ class CheckedContents(NamedTuple):
     of_state: dict[str, Any]
     limits: Limits
     costs: Costs
+
+
+def values_of_added_forces(effects: Effects) -> dict[str, Scalar]:
+    """Return the value of a checkpoint that records the forces of `add_force`; none for a run without them."""
+    found = descriptions(effects)
+    return {ADDED_FORCES: "; ".join(found)} if found else {}
+
+
+def refuse_other_forces(values: Values, effects: Effects) -> None:
+    """Raise CheckpointError unless a run with `effects` has the added forces of the checkpoint with these values."""
+    before = values.text(ADDED_FORCES).split("; ") if ADDED_FORCES in values else []
+    now = descriptions(effects)
+    if before == now:
+        return
+    if missing := [each for each in before if each not in now]:
+        wrong = f"its run has the added force {clipped(missing[0])}"
+        name = clipped(missing[0].partition(" on ")[0])  # in quotes
+        raise CheckpointError(
+            f"{values.path}: {wrong}; expected sim.add_force(..., name={name}) in Python, then sim.restore(path)"
+        )
+    if extra := [each for each in now if each not in before]:
+        raise CheckpointError(
+            f"{values.path}: its run has no added force {extra[0]}; expected a Simulation without this force: "
+            "restore the checkpoint first, then add the force"
+        )
+    raise CheckpointError(f"{values.path}: its run has the added forces in the order {clipped('; '.join(before))}; "
+                          f"expected add_force in this order, found {'; '.join(now)}")  # fmt: skip
 
 
 def checked_contents(state: State, effects: Effects, groups: Groups, values: Values) -> CheckedContents:
@@ -62,8 +91,8 @@ def checked_contents(state: State, effects: Effects, groups: Groups, values: Val
     if state.subcycle_clock is not None:
         since, rate = values.number("pace_since", 0.0), values.number("pace_rate", 0.0, may_be_infinite=True)
         of_state["subcycle_clock"] = SubcycleClock(since, rate)
-    (step, by), (dust, dust_by) = (_checked_limit(values, effects, *names) for names in LIMIT_NAMES)
-    limits = Limits(step, by, dust, dust_by, values.number(UNSTABLE_LIMIT, 0.0, may_be_infinite=True))
+    (step, by), (dust, dust_by) = (_checked_limit(values, effects, *names) for names in (LIMITS[:2], LIMITS[2:4]))
+    limits = Limits(step, by, dust, dust_by, values.number(LIMITS[4], 0.0, may_be_infinite=True))
     return CheckedContents(particles, of_state, limits, _checked_costs(effects, groups["costs"]))
 
 

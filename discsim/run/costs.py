@@ -33,6 +33,10 @@ class Costs:
         self.seconds[name] += spent
         self.calls[name] += calls
 
+    def add(self, name: str) -> None:
+        """Add an effect, without calls so far."""
+        self.calls[name], self.seconds[name] = 0, 0.0
+
     @property
     def total(self) -> float:
         """CPU seconds of all effects together."""

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from discsim.effects.base import Effect
 from discsim.numerics import world
 from discsim.numerics.bodies import Bodies
 from discsim.numerics.entries import EntryError, check_arrays, check_like, check_ranges
@@ -156,6 +157,12 @@ def check_forces(state: State, effects: Effects, limits: dict[str, float]) -> No
     for name, limit in limits.items():
         if math.isnan(limit) or limit <= 0.0:
             raise PhysicsError(f"the time-step limit of {name} is {limit}{_negative_energy_remark(state)}")
+
+
+def check_new_effect(state: State, name: str, effect: Effect) -> None:
+    """Raise PhysicsError if an acceleration by an effect that is not in the run yet is not finite."""
+    arrays = [(species, acc, "in its acceleration") for species, acc in acceleration_of(effect, state).items()]
+    _check_arrays(state, {name: effect}, arrays)
 
 
 def check_dust_step(state: State, effects: Effects, limits: Limits, dt: float) -> None:

@@ -30,6 +30,14 @@ class Operators:
         self.reversals = guards.ReversalGuard()
         self.arrays_exposed = True
 
+    def add_effect(self, name: str, effect: Effect) -> None:
+        """Add an effect after all others; the caller computes forces again. Raises PartError as `Plan`."""
+        effects = {**self.effects, name: effect}
+        self.plan = Plan(effects, self.state)
+        self.effects = effects
+        self.costs.add(name)
+        self.reversals.forget()  # accelerations change without a step
+
     def kick(self, dt: float) -> None:
         """Advance velocities and energies over dt: run the operators of KICK, and kick the bodies."""
         # Results of forces and kicks are checked where they are made. The check of other changes takes 2% of a step; it

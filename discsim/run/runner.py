@@ -25,6 +25,7 @@ from discsim.preview.derived import effect_rows
 from discsim.preview.forecast import store_slowness
 from discsim.preview.warnings import warnings
 from discsim.printable import UserError
+from discsim.run.checkpoint_contents import refuse_other_forces
 from discsim.run.checkpoints import Checkpoints, later_snapshots
 from discsim.run.directory import (
     copy_input_files,
@@ -224,10 +225,11 @@ class Run:
     def _time_to_resume(self) -> float:
         """Return the time of the newest readable checkpoint, and set `snapshots` and `last_output` from it.
 
-        Raises SceneError if the checkpoint is of another scene.
+        Raises SceneError if the checkpoint is of another scene, and CheckpointError if its run had added forces.
         """
         groups, values = self.checkpoints.newest()
         refuse_changed_scene(self.checkpoints.chosen, groups["scene"]["text"].tobytes(), self.scene)
+        refuse_other_forces(values, {})
         reached = values.number("time")
         self.snapshots, self.last_output = values.whole("snapshots", 1, MAX_SNAPSHOTS), values.number("put_out")
         if self.last_output > reached:

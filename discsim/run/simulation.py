@@ -11,15 +11,15 @@ import math
 import signal
 import threading
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, replace
-from itertools import chain
 from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
 
+from discsim.effects.added_force import AddedForce, Function
 from discsim.effects.base import Effect
 from discsim.initial import user_arrays
 from discsim.numerics.bodies import Bodies
@@ -37,8 +37,7 @@ from discsim.output.checkpoint import (
 )
 from discsim.parts import INTEGRATORS, import_object
 from discsim.preview.forecast import memory_warnings
-from discsim.run import guards
-from discsim.run.checkpoint_contents import LIMIT_NAMES, UNSTABLE_LIMIT, checked_contents
+from discsim.run import checkpoint_contents, guards
 from discsim.run.costs import Costs
 from discsim.run.forces import PhysicsError, acceleration_of
 from discsim.run.interrupts import Interrupts
@@ -351,6 +350,62 @@ class Simulation(Summarised):
                         setattr(state.species[name], key, array)
             self._unclosed = None
 
+    def add_force(
+        self,
+        function: Function,
+        on: str | Iterable[str],
+        *,
+        name: str = "force",
+        potential: Function | None = None,
+        limit: Any = None,
+    ) -> None:
+        """Add a force, which acts from now on as an effect `sim.effects[name]`.
+
+        Parameters
+        ----------
+        function : callable
+            `function(particles, time)` returns the accelerations (n, d) in code units; `particles` has read-only arrays
+            `pos`, `mass`, `ids` and, of dust, `species` and `size` (if grains have individual sizes).
+        on : str or sequence of str
+            Species that feel the force: "gas", "dust" or both. The function is called for each of them.
+        name : str, optional
+            Name of the force.
+        potential : callable, optional
+            `potential(particles, time)` returns the potential energies per mass (n,), for `potential_energy`.
+        limit : float or Quantity, optional
+            Longest time step before the Courant factor: 1 / the highest frequency. None: the force sets no limit.
+
+        Raises
+        ------
+        ValueError
+            An argument is wrong, or the function returns something else than accelerations (n, d).
+        PhysicsError
+            An acceleration is not finite.
+        RuntimeError
+            The state is being read, in a callback or `synchronised`, or an interrupt has left a step half-made.
+
+        Notes
+        -----
+        A checkpoint records the name and species of the force, not the function: add the force again before `restore`.
+        After an exception the simulation has no such force.
+        """
+        self._refuse_during_read()
+        self._refuse_half_made()
+        set_threads(self.scene.run.threads)
+        step = None if limit is None else self._time_in_code_units(limit)
+        effect = AddedForce(name, function, on, potential, step, self.state, self.effects)
+        self.operators.check_exposed_arrays()
+        guards.check_new_effect(self.state, name, effect)
+        effect.potential_energy(self.state)  # checks its shape
+        has_begun = self._has_forces or self.state.velocity_lag > 0.0
+        if has_begun:
+            self._prepare()
+        self.operators.add_effect(name, effect)
+        if has_begun:
+            with self._uninterrupted():
+                self.operators.close()  # by the accelerations so far, which lack this force
+                self.operators.forces()
+
     def acceleration(self, effect: str) -> tuple[np.ndarray | None, np.ndarray | None]:
         """Return the accelerations that one effect causes at present.
 
@@ -423,7 +478,8 @@ class Simulation(Summarised):
         groups["scene"] = {"text": np.frombuffer(self.scene.text.encode(), np.uint8)}
         groups["costs"] = self.costs.arrays()
         values: dict[str, Scalar] = {"time": state.time, "step": state.step, "lag": state.velocity_lag}
-        values |= dict(zip(chain(*LIMIT_NAMES, [UNSTABLE_LIMIT]), self.operators.limits, strict=True))
+        values |= dict(zip(checkpoint_contents.LIMITS, self.operators.limits, strict=True))
+        values |= checkpoint_contents.values_of_added_forces(self.effects)
         if state.subcycle_clock is not None:
             values |= {f"pace_{name}": value for name, value in state.subcycle_clock._asdict().items()}
         return groups, values
@@ -446,7 +502,7 @@ class Simulation(Summarised):
         Raises
         ------
         CheckpointError
-            The checkpoint cannot be read, or is damaged.
+            The checkpoint cannot be read, is damaged, or its run has other forces of `add_force`.
         SceneError
             The checkpoint is of another scene.
         RuntimeError
@@ -464,8 +520,9 @@ class Simulation(Summarised):
         self._refuse_during_read()
         groups, values = read_checkpoint(path, share)
         refuse_changed_scene(path, groups["scene"]["text"].tobytes(), self.scene)
+        checkpoint_contents.refuse_other_forces(values, self.effects)
         try:
-            found = checked_contents(self.state, self.effects, groups, values)
+            found = checkpoint_contents.checked_contents(self.state, self.effects, groups, values)
         except EntryError as fault:
             raise CheckpointError(
                 f"{path}: damaged checkpoint, or written by another version of discsim: {fault}"
