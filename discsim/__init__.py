@@ -1,7 +1,7 @@
 """discsim: 2D circumstellar discs of SPH gas and particle-in-cell dust.
 
-The public names are `Simulation`, `load_scene`, `read_snapshot`, `Snapshot`, `SceneError`, `SnapshotError` and the
-module `plot`. Each is imported at its first use.
+The public names are `Simulation`, `load_scene`, `read_snapshot`, `register`, `Snapshot`, `SceneError`, `SnapshotError`
+and the module `plot`. Each is imported at its first use.
 """
 
 from importlib import import_module
@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 from discsim.version import __version__ as __version__
 
-__all__ = ["SceneError", "Simulation", "Snapshot", "SnapshotError", "load_scene", "plot", "read_snapshot"]
+__all__ = ["SceneError", "Simulation", "Snapshot", "SnapshotError", "load_scene", "plot", "read_snapshot", "register"]
 
 if TYPE_CHECKING:
     from discsim import plot
+    from discsim.effects.registration import register
     from discsim.output.snapshot import Snapshot, SnapshotError, read_snapshot
     from discsim.run.simulation import Simulation
     from discsim.scene import SceneError, load_scene
@@ -24,6 +25,7 @@ _MODULE_OF_NAME = {
     "SnapshotError": "discsim.output.snapshot",
     "load_scene": "discsim.scene",
     "read_snapshot": "discsim.output.snapshot",
+    "register": "discsim.effects.registration",
 }
 
 

@@ -32,13 +32,14 @@ class Registry(Mapping[str, Any]):
     """Mapping from names to the parts of one kind; parts of other packages come last.
 
     group: group of the entry points by which other packages add parts. locations: location of each part of discsim, as
-    "module:object". required: attributes that every part must have.
+    "module:object". required: attributes that every part must have. added: parts that `add` has added, by name.
     Looking up a name imports the module; iteration and `in` import nothing. Raises PartError if a part of another
     package cannot be imported or lacks a required attribute.
     """
 
     def __init__(self, group: str, locations: Mapping[str, str], required: Sequence[str] = ()) -> None:
         self.group, self._own, self._required = group, dict(locations), required
+        self.added: dict[str, Any] = {}
 
     @cached_property
     def locations(self) -> dict[str, str]:
@@ -51,13 +52,20 @@ class Registry(Mapping[str, Any]):
                     "expected different names: rename one of them, or uninstall that package"
                 )
             found[point.name] = point.value
-        return found
+        return found | {name: f"{part.__module__}:{part.__qualname__}" for name, part in self.added.items()}
+
+    def add(self, name: str, part: Any) -> None:
+        """Add a part, until this process ends; the caller has checked that its name is free."""
+        self.added[name] = part
+        self.__dict__.pop("locations", None)
 
     def module(self, name: str) -> str:
         """Return the name of the module that contains the part `name`."""
         return self.locations[name].partition(":")[0]
 
     def __getitem__(self, name: str) -> Any:
+        if name in self.added:
+            return self.added[name]
         location = self.locations[name]
         try:
             found = import_object(location)
