@@ -166,8 +166,8 @@ def test_names_are_complete():
 
 @pytest.mark.parametrize(
     "text",
-    blocks("python", "README.md") + blocks("python", "docs/api.md")[:2],
-    ids=["readme", "simulation", "own particles"],
+    blocks("python", "README.md") + blocks("python", "docs/api.md")[:3],
+    ids=["readme", "simulation", "own particles", "own force"],
 )
 def test_python_runs(text, monkeypatch):
     monkeypatch.chdir(HOME)

@@ -1,6 +1,7 @@
 """Effects that a script registers: the recipe of the documentation without a package."""
 
 import re
+import tomllib
 
 import numpy as np
 import pytest
@@ -56,6 +57,28 @@ def test_a_registered_effect_acts_in_scenes_from_a_dict_and_a_file(lamp, tmp_pat
 def test_a_registered_effect_resumes_to_the_same_bits(lamp, tmp_path):
     discsim.register(lamp=lamp)
     assert assert_resumes(SCENE, tmp_path / "checkpoint.h5", 0.2, 0.4).costs.calls["lamp"] > 0
+
+
+def test_the_friction_of_the_recipe_is_second_order():
+    """x = v t_stop (1 - exp(-t / t_stop)): half steps around the drift have the error (dt / t_stop)^2 / 24."""
+    page = (PAGES / "effect.md").read_text(encoding="utf-8")
+    (text,) = (block for block in re.findall(r"^```python\n(.*?)^```$", page, re.S | re.M) if "register(" in block)
+    names = {"__name__": "__main__"}
+    exec(text, names)
+    vel, left = np.array([[1.0, 0.5]]), np.exp(-1.0 / 2.0)
+    for timestep, sim in ((0.02, names["sim"]), (0.5, coarse(names["sim"]))):
+        np.testing.assert_allclose(sim.dust.vel, vel * left, rtol=1e-13)
+        error = 1.0 - sim.dust.pos / (2.0 * vel * (1.0 - left))
+        np.testing.assert_allclose(error, (timestep / 2.0) ** 2 / 24.0, rtol=0.01)
+
+
+def coarse(sim):
+    """The same run with a step of 0.5."""
+    given = {"pos": [[0.0, 0.0]], "vel": [[1.0, 0.5]], "mass": [1e-6]}
+    scene = tomllib.loads(sim.scene.text)
+    again = discsim.Simulation(scene | {"run": scene["run"] | {"timestep": 0.5}}, particles={"dust": given})
+    again.run()
+    return again
 
 
 class NoKeys(base.Effect):
