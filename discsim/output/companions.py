@@ -13,17 +13,22 @@ companion does not react to gas and dust. star_x ... star_vy are in the frame of
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from discsim.exact import kepler
+from discsim.output.history import HistoryError, read_rows
 from discsim.physics.orbits import orbital_mass
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from discsim.numerics.state import State
     from discsim.scene import Scene
 
+Array = np.ndarray
 COLUMNS = (
     "step", "time", "number", "mass", "x", "y", "vx", "vy", "semi_major_axis", "eccentricity", "pericentre", "anomaly",
     "torque_gas", "torque_dust", "accreted_gas", "accreted_dust", "star_mass", "star_x", "star_y", "star_vx", "star_vy",
@@ -35,6 +40,25 @@ TIME_TOLERANCE = 1e-9  # tolerance for rounding errors of the time, relative to 
 def has_companions(scene: Scene) -> bool:
     """Return whether a run of the scene writes companions.csv."""
     return scene.table("companion") is not None
+
+
+def read_companions(directory: Path, names: Sequence[str]) -> dict[str, Array]:
+    """Return columns (rows,) of the companions.csv of a run by name, up to the first incomplete row.
+
+    Raises HistoryError if the file is missing, has no rows, or a number in these columns is not finite, and OSError.
+    """
+    path = directory / "companions.csv"
+    if not path.exists():
+        raise HistoryError(f"{path}: file not found; expected the directory of a run with a companion")
+    rows = read_rows(path, COLUMNS)
+    if not rows:
+        raise HistoryError(f"{path}: no rows of companions; expected the companions.csv of a run")
+    columns = {name: np.array([float(row[name]) for row in rows]) for name in names}
+    for name, column in columns.items():
+        if not np.isfinite(column).all():
+            line = int(np.flatnonzero(~np.isfinite(column))[0]) + 2
+            raise HistoryError(f"{path}:{line}: {name} is not finite; expected numbers")
+    return columns
 
 
 def companion_rows(state: State, dt: float) -> list[list[object]]:

@@ -150,8 +150,12 @@ def _csv_text(rows: Iterable[Sequence[object]]) -> str:
 
 def read_history(path: Path, scene: Scene) -> list[dict[str, str]]:
     """Return the rows of the history.csv at `path` as dicts by column, up to the first incomplete row."""
-    names = history_columns(scene)
-    return [dict(zip(names, row, strict=True)) for row in _read(path, names)[2]]
+    return read_rows(path, history_columns(scene))
+
+
+def read_rows(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
+    """Return the rows of a table with these columns as dicts by column, up to the first incomplete row."""
+    return [dict(zip(columns, row, strict=True)) for row in _read(path, columns)[2]]
 
 
 def _read(path: Path, columns: Sequence[str]) -> tuple[list[str], list[list[str]], list[list[str]]]:

@@ -1,0 +1,82 @@
+"""Parts that analysis scripts share: tables with units on the terminal, CSV files, messages, and types of options."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import math
+import sys
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from discsim.output.files import replace_atomically
+from discsim.printable import UserError, printable, printable_lines
+from discsim.userfiles import system_message
+
+if TYPE_CHECKING:
+    from discsim.scene.units import Units
+
+CODE_UNITS = "code units"  # unit of quantities with a dimension, in the code system
+MAX_WIDTH = 200  # characters of a line; narrower tables do not fill it
+NO_VALUE = "-"
+
+
+def display_unit(units: Units, dimension: str, unit: str) -> tuple[float, str]:
+    """Return the factor from code units of `dimension` to `unit`, and the unit; (1, "code units") in code units."""
+    if units.system == "code":
+        return 1.0, CODE_UNITS
+    return float(units.quantity(1.0, dimension).to_value(unit)), unit
+
+
+def print_table(title: str, head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+    """Print a title and a table, with one line per row. None is an empty entry, and "-" stands for NaN."""
+    from rich.box import SIMPLE
+    from rich.console import Console
+    from rich.table import Table
+
+    table, lines = Table(box=SIMPLE), list(rows)
+    for name, entries in zip(head, zip(*lines, strict=True) if lines else [()] * len(head), strict=True):
+        is_text = any(isinstance(entry, str) for entry in entries)
+        table.add_column(printable(name), justify="left" if is_text else "right", no_wrap=True)
+    for line in lines:
+        table.add_row(*map(_entry, line))
+    console = Console(width=MAX_WIDTH, markup=False, highlight=False, emoji=False, soft_wrap=True)
+    console.print(printable_lines(title))
+    console.print(table)
+
+
+def _entry(value: object) -> str:
+    """Return the text of an entry of a table; floats have four significant digits."""
+    if value is None:
+        return ""
+    if isinstance(value, float):
+        return NO_VALUE if math.isnan(value) else f"{value:.4g}"
+    return printable(value)
+
+
+def write_table(path: Path, head: Sequence[str], rows: Iterable[Iterable[object]]) -> None:
+    """Write a CSV file, and its directory if needed; the file appears when it is complete. Raises OSError."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with replace_atomically(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(head)
+        writer.writerows(rows)
+
+
+def print_fault(script: str, fault: UserError | OSError) -> int:
+    """Print one message about a fault on standard error, and return the exit status: 2 for input, 1 for files."""
+    message = str(fault) if isinstance(fault, UserError) else system_message(fault, "read or written", "a file")
+    print(printable_lines(f"{script}: {message}"), file=sys.stderr)
+    return 2 if isinstance(fault, UserError) else 1
+
+
+def positive_number(text: str) -> float:
+    """Return the positive number in a text, as a type of argparse. Raises ArgumentTypeError."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f"{text!r}: expected a number above 0")
+    return value
