@@ -1,39 +1,46 @@
-"""Arms and clumps of a self-gravitating disc: amplitudes of its modes in time, and what its clumps hold at the end.
+"""Measure spiral arms and clumps of a self-gravitating disc: amplitudes of modes, and what each clump contains.
 
-    python analysis/clumps.py DIR [-o OUT]
+    discsim analyse clumps DIR [-o OUT] [--size R] [--times]
+    python analysis/clumps.py ...                               the same, from a copy of this script
 
-A_m of a species is the largest over rings of |sum m exp(i m phi)| / sum m, each ring with its median Poisson noise
-taken off in squares. A clump is a peak of the gas's surface density, on a map of 2 grid cells a pixel, that is
-THRESHOLD times the azimuthal median at its radius at the start; its members are the particles within three
-softenings. It is bound where these attract each other by more than they move about their centre of mass, and hold as
-heat: where "bound", |W| / (K + U), is above 1. Prints both tables and writes clumps.csv into OUT or DIR.
+DIR is the directory of a run. The amplitude A_m of a species is the largest over rings of |sum m exp(i m phi)| / sum m,
+where the median Poisson noise of each ring is subtracted in squares. The script prints it at the start and at the end,
+and its largest value; with --times it prints all amplitudes for each snapshot.
+
+A clump is a peak of the surface density of the gas at the end, on a map with pixels of the size R, that exceeds the
+surface density at its radius at the start by the factor 10. Its members are the particles within 3 R. It is bound if
+"bound", |W| / (K + U), is above 1: the potential energy W of its members, softened by R, over their kinetic energy K
+about the centre of mass and their heat U. The script lists the clumps, and writes them into clumps.csv in OUT or DIR,
+in code units.
 """
 
 from __future__ import annotations
 
 import argparse
-import csv
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
-from rich.table import Table
 from scipy.ndimage import maximum_filter
 
-from discsim.output.snapshot import Snapshot, SnapshotError, SnapshotParticles, read_snapshot
+from discsim.output.results import display_unit, positive_number, print_fault, print_table, write_table
+from discsim.output.snapshot import Snapshot, SnapshotParticles, read_snapshot, snapshot_files
+from discsim.printable import UserError
 
 MODES = range(1, 7)
 RINGS = 12
 THRESHOLD = 10.0
+COLUMNS = ("x", "y", "over", "gas", "dust", "ratio", "bound")
+MIN_PIXELS, MAX_PIXELS = 16, 8192  # of the map in which peaks are searched, on a side
 
 
-class InputError(Exception):
-    """Something the user can put right; the message says what."""
+class InputError(UserError):
+    """A run or an option that does not suit the measurement; the message has the reason."""
 
 
 def amplitudes(pos: np.ndarray, mass: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """A_m for MODES: the largest over the rings between `edges`, less what random angles give."""
+    """Return A_m for MODES: the largest over the rings between `edges`, without the mean of random angles."""
     radius, angle = np.hypot(*pos.T), np.arctan2(pos[:, 1], pos[:, 0])
     ring = np.digitize(radius, edges) - 1
     found = np.zeros((len(edges) - 1, len(MODES)))
@@ -47,8 +54,14 @@ def amplitudes(pos: np.ndarray, mass: np.ndarray, edges: np.ndarray) -> np.ndarr
 
 
 def clumps(snap: Snapshot, first: Snapshot, size: float) -> list[dict[str, float]]:
-    """Place, peak over the start and masses of each clump, the heaviest first; `size` is the radius of one."""
+    """Return position, peak over the start and masses of each clump, the heaviest first.
+
+    size: radius of a clump, in code units. Raises InputError if the map would have too few or too many pixels.
+    """
     reach = float(np.quantile(first.gas.radius, 0.999)) * 1.3
+    if not MIN_PIXELS <= 2 * reach / size <= MAX_PIXELS:
+        low, high = (2 * reach / pixels for pixels in (MAX_PIXELS, MIN_PIXELS))
+        raise InputError(f"--size {size:g}: expected the radius of a clump, {low:.3g} to {high:.3g} in code units")
     pixels = int(np.ceil(2 * reach / size))
     corner = np.full(2, -reach), np.full(2, reach)
     sigma = snap.gas.surface_density_map(*corner, pixels)
@@ -67,14 +80,21 @@ def clumps(snap: Snapshot, first: Snapshot, size: float) -> list[dict[str, float
         over = float(sigma[i, j] / max(background[i, j], start.max() * 1e-2))
         bound = boundness([(p, inside[k]) for k, p in snap.species.items()], size)
         found.append(
-            {"x": place[0], "y": place[1], "over": over, "gas": gas, "dust": dust, "ratio": dust / gas}
+            {
+                "x": place[0],
+                "y": place[1],
+                "over": over,
+                "gas": gas,
+                "dust": dust,
+                "ratio": dust / gas if gas > 0.0 else np.nan,
+            }
             | {"bound": bound}
         )
     return sorted(found, key=lambda clump: -clump["gas"])
 
 
 def boundness(parts: list[tuple[SnapshotParticles, np.ndarray]], size: float) -> float:
-    """|W| / (K + U) of particles, whose attraction is softened by `size`; heat of gas that keeps none is m c_s^2."""
+    """Return |W| / (K + U) of particles, with attraction softened by `size`; isothermal gas has the heat m c_s^2."""
     pos, vel, mass = (
         np.concatenate([getattr(p, name)[inside] for p, inside in parts]) for name in ("pos", "vel", "mass")
     )
@@ -84,47 +104,85 @@ def boundness(parts: list[tuple[SnapshotParticles, np.ndarray]], size: float) ->
             heat += float((p.mass * (p.u if p.u is not None else p.sound_speed**2))[inside].sum())
     vel = vel - mass @ vel / mass.sum()
     kinetic = 0.5 * float(mass @ (vel**2).sum(axis=1))
-    pull = -0.5 * float((mass**2).sum()) / size  # of each on itself
+    pull = -0.5 * float((mass**2).sum()) / size  # of each particle on itself, which the sum below includes
     for at, m in zip(pos, mass, strict=True):
         pull += 0.5 * m * float((mass / np.sqrt(((pos - at) ** 2).sum(axis=1) + size**2)).sum())
     return pull / (kinetic + heat)
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Run the command line; returns the exit status."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("directory", type=Path, metavar="DIR", help="output directory of a run")
-    parser.add_argument("-o", "--output", type=Path, metavar="OUT", help="where to write; default: DIR")
-    parser.add_argument("--size", type=float, default=1.0, help="radius of a clump in code units, the softening say")
+def read(directory: Path) -> list[Snapshot]:
+    """Return the snapshots of a run relative to the centre of the disc; only the last one has velocities and heat.
+
+    Raises InputError, SnapshotError.
+    """
+    *others, last = snapshot_files(directory)
+    run = [read_snapshot(file, ()).about_centre() for file in others] + [read_snapshot(last).about_centre()]
+    if run[0].dimensions != 2 or run[0].gas is None:
+        raise InputError(f"{directory}: no gas in two dimensions; expected the run of a disc with [gas]")
+    return run
+
+
+def show_modes(run: list[Snapshot], found: np.ndarray, is_in_time: bool) -> None:
+    """Print the amplitudes `found` (snapshots, species, modes), one line per species and mode, or one per snapshot."""
+    factor, unit = display_unit(run[0].units, "time", "yr")
+    times, kinds = [factor * snap.time for snap in run], list(run[0].species)
+    if is_in_time:
+        head = [f"time [{unit}]", *(f"{kind} A{m}" for kind in kinds for m in MODES)]
+        lines = [[time, *map(float, row.ravel())] for time, row in zip(times, found, strict=True)]
+        print_table("Amplitudes of modes", head, lines)
+        return
+    rows: list[list[object]] = [
+        [f"A{m} of the {kind}", *(float(a) for a in (series[0], series[-1], series.max())), times[series.argmax()]]
+        for k, kind in enumerate(kinds)
+        for m, series in zip(MODES, found[:, k].T, strict=True)
+    ]
+    head = ["amplitude", "start", "end", "largest", f"at time [{unit}]"]
+    print_table(f"Amplitudes of modes, time {times[0]:.4g} to {times[-1]:.4g} {unit}", head, rows)
+
+
+def show_clumps(last: Snapshot, found: list[dict[str, float]]) -> None:
+    """Print one line for each clump, with units."""
+    (length, au), (mass, earth), (time, yr) = (
+        display_unit(last.units, *each) for each in (("length", "au"), ("mass", "Mearth"), ("time", "yr"))
+    )
+    factors = (length, length, 1.0, mass, mass, 1.0, 1.0)
+    rows: list[Sequence[object]] = [
+        [factor * clump[name] for factor, name in zip(factors, COLUMNS, strict=True)] for clump in found
+    ]
+    title = f"{len(found)} clump{'s' * (len(found) != 1)} at {time * last.time:.4g} {yr}"
+    head = [f"x [{au}]", f"y [{au}]", "Sigma over start", f"gas [{earth}]", f"dust [{earth}]", "dust / gas", "bound"]
+    if found:
+        print_table(title, head, rows)
+    else:
+        print(title)
+
+
+def main(arguments: list[str] | None = None, prog: str | None = None) -> int:
+    """Run the command line, and return the exit status."""
+    parser = argparse.ArgumentParser(prog, description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("directory", type=Path, metavar="DIR", help="directory of a run")
+    parser.add_argument("-o", "--output", type=Path, metavar="OUT", help="directory of clumps.csv (default DIR)")
+    parser.add_argument(
+        "--size",
+        type=positive_number,
+        default=1.0,
+        metavar="R",
+        help="radius in code units, like the softening (default 1)",
+    )
+    parser.add_argument("--times", action="store_true", help="print the amplitudes of each snapshot")
     given = parser.parse_args(arguments)
+    into = (given.output or given.directory) / "clumps.csv"
     try:
-        files = sorted((given.directory / "snapshots").glob("*.h5"))
-        if not files:
-            raise InputError(f"{given.directory}: no snapshots found; expected the output directory of a run")
-        run = [read_snapshot(file) for file in files]
-        if run[0].dimensions != 2 or run[0].gas is None:
-            raise InputError(f"{given.directory}: no gas in two dimensions here; expected the run of a disc")
-        console = Console(width=130)
+        run = read(given.directory)
         edges = np.quantile(run[0].gas.radius, np.linspace(0.02, 0.98, RINGS + 1))
-        table = Table("time", *(f"{kind} A{m}" for kind in run[0].species for m in MODES))
-        for snap in run:
-            found = [f"{a:.3f}" for p in snap.species.values() for a in amplitudes(p.pos, p.mass, edges)]
-            table.add_row(f"{snap.time:.4g}", *found)
-        console.print(table)
+        modes = np.array([[amplitudes(p.pos, p.mass, edges) for p in snap.species.values()] for snap in run])
         found = clumps(run[-1], run[0], given.size)
-        into = given.output or given.directory
-        into.mkdir(parents=True, exist_ok=True)
-        with (into / "clumps.csv").open("w", newline="") as stream:
-            writer = csv.DictWriter(stream, ["x", "y", "over", "gas", "dust", "ratio", "bound"])
-            writer.writeheader()
-            writer.writerows(found)
-        table = Table("x", "y", "Sigma over the start's", "gas", "dust", "dust / gas", "bound")
-        for clump in found:
-            table.add_row(*(f"{value:.4g}" for value in clump.values()))
-        console.print(f"{len(found)} clumps at t = {run[-1].time:.4g} (code units)", table)
-    except (InputError, SnapshotError, OSError) as error:
-        print(f"clumps: {error}", file=sys.stderr)
-        return 2
+        write_table(into, COLUMNS, (clump.values() for clump in found))
+    except (UserError, OSError) as error:
+        return print_fault("clumps", error)
+    show_modes(run, modes, given.times)
+    show_clumps(run[-1], found)
+    print(into)
     return 0
 
 

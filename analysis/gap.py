@@ -1,45 +1,50 @@
-"""The gap that a companion opens: its depth in the gas against Kanagawa et al. (2015), and where the dust gathers.
+"""Measure the gap that a companion opens: its depth in the gas, and where the dust gathers.
 
-    python analysis/gap.py DIR [-o OUT] [--last ORBITS] [--over DIR]
+    discsim analyse gap DIR [-o OUT] [--last ORBITS] [--over DIR]
+    python analysis/gap.py ...                                       the same, from a copy of this script
 
-DIR is the output directory of a run with one companion and [alpha_viscosity]. Writes, into OUT or the present
-directory, NAME-gap.png (Sigma over that of the first snapshot, of gas and of each population of dust, and the pressure)
-and NAME-gap.csv, and prints what follows. Sigma_0 is the first snapshot's, or with `over` that of another run at the
-same time: of the disc without a companion, whose edges let it spread as they do in DIR.
+DIR is the directory of a run with one companion and [alpha_viscosity]. The script prints the quantities below, and
+writes two files into OUT or the present directory. NAME-gap.png shows Sigma over that of the first snapshot, for the
+gas and each dust population, and the pressure; NAME-gap.csv has these profiles in code units.
 
-    depth     least Sigma / Sigma_0 of the gas about the orbit, mean of the snapshots of the `last` orbits; without the
-              angles within two Hill radii of the companion, whose own disc is no part of the gap
-    theory    1 / (1 + 0.04 K), K = q^2 (H/r)^-5 / alpha (Kanagawa et al. 2015, MNRAS 448, 994, eqs. 14, 17)
-    inside    the share of the mass there that is left, within a scale height or two Hill radii of the orbit; below it,
-              of a planet of .0001 to .005, that of the grid codes of Fung, Shi & Chiang (2014, ApJ 782, 88),
-              .14 (q / .001)^-2.16 (alpha / .01)^1.41 (H/r / .05)^6.61, where it is below one half
-    ring      for each population of dust, the place of its largest surface density beyond the orbit, beside that of
-              the largest pressure there; and its least Sigma / Sigma_0 in the gap
-    history   the depth in the gas by spans of `last` orbits, which says whether it is steady
+Sigma_0 is the surface density in the first snapshot. With --over DIR it is that of another run at the same time: of
+the same disc without a companion, which spreads at its edges as the disc in DIR does.
+
+    depth     smallest Sigma / Sigma_0 of the gas around the orbit, mean of the snapshots of the last orbits; without
+              the angles within two Hill radii of the companion, whose own disc is not part of the gap
+    formula   1 / (1 + 0.04 K), K = q^2 (H/r)^-5 / alpha (Kanagawa et al. 2015, MNRAS 448, 994, eqs. 14, 17)
+    mass left fraction of the mass that remains within a scale height or two Hill radii of the orbit. For q from 1e-4
+              to 5e-3 also the result of grid codes (Fung, Shi & Chiang 2014, ApJ 782, 88), where it is below one half:
+              0.14 (q / 0.001)^-2.16 (alpha / 0.01)^1.41 (H/r / 0.05)^6.61
+    radii     outside the orbit: of the largest surface density of each dust population, and of the largest pressure
+    history   depth in the gas for each span of ORBITS, which shows whether it is steady
 """
 
 from __future__ import annotations
 
 import argparse
-import csv
 import sys
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from rich.console import Console
-from rich.table import Table
 from scipy.ndimage import gaussian_filter1d
 
-from discsim import SceneError, load_scene
-from discsim.output.history import MAX_BYTES
-from discsim.output.snapshot import Snapshot, SnapshotError, read_snapshot
+from discsim import load_scene
+from discsim.output.companions import read_companions
+from discsim.output.drawing import figure_text
+from discsim.output.populations import populations_of
+from discsim.output.results import display_unit, positive_number, print_fault, print_table, write_table
+from discsim.output.snapshot import Snapshot, read_snapshot, snapshot_files
 from discsim.physics.centre import kepler_omega
 from discsim.physics.companions import scale_height
 from discsim.physics.viscosity import diffusivity
-from discsim.userfiles import read_text
+from discsim.plot.request import save
+from discsim.plot.sources import times_and_units
+from discsim.printable import UserError
 
 RINGS = 160  # of a profile, between half and twice the orbit
 STRIPES = 6.0  # rings over which the profile of the start is smoothed, which shows those of its particles
@@ -48,34 +53,26 @@ SHALLOW = 0.5  # share of the mass inside, above which a gap is no power law of 
 EDGE = 0.02  # of the largest Sigma of the start, below which a ring is beyond the disc's edge
 
 
-class InputError(Exception):
-    """Something the user can put right; the message says what."""
+class InputError(UserError):
+    """A run or an option that does not suit the measurement; the message has the reason."""
 
 
-def snapshots_of(directory: Path) -> list[Path]:
-    """Snapshots of a run, in order. Raises InputError."""
-    files = sorted((directory / "snapshots").glob("*.h5"))
-    if not files:
-        raise InputError(f"{directory}: no snapshots found; expected the output directory of a run")
-    return files
+def read(file: Path) -> Snapshot:
+    """Return a snapshot with positions, masses and populations, relative to the centre of the disc."""
+    return read_snapshot(file, ("dust.species",)).about_centre()
 
 
 def companion_at(directory: Path, times: list[float]) -> tuple[np.ndarray, float, float]:
     """Return positions (times, 2) of the only companion relative to the star, its mass and semi-major axis.
 
-    Raises InputError.
+    Raises InputError, HistoryError.
     """
-    path = directory / "companions.csv"
-    if not path.exists():
-        raise InputError(f"{path}: not there; expected the output directory of a run with a companion")
-    rows = list(csv.DictReader(read_text(path, most=MAX_BYTES).splitlines()))
-    if {row["number"] for row in rows} != {rows[0]["number"]}:
-        raise InputError(f"{path}: several companions; expected one")
-    columns = ("time", "x", "y", "mass", "semi_major_axis")
-    when, x, y, mass, axis = (np.array([float(row[key]) for row in rows]) for key in columns)
-    # The nearest row, and a linear step between two: rows are a small part of an orbit apart.
-    places = np.stack([np.interp(times, when, x), np.interp(times, when, y)], axis=1)
-    return places, float(mass[-1]), float(axis[-1])
+    rows = read_companions(directory, ("number", "time", "x", "y", "mass", "semi_major_axis"))
+    if np.ptp(rows["number"]) > 0:
+        raise InputError(f"{directory / 'companions.csv'}: several companions; expected one")
+    # Rows are a small part of an orbit apart, so a linear step between two of them is enough.
+    places = np.stack([np.interp(times, rows["time"], rows[axis]) for axis in "xy"], axis=1)
+    return places, float(rows["mass"][-1]), float(rows["semi_major_axis"][-1])
 
 
 def profile(particles: Any, edges: np.ndarray, place: np.ndarray, hill: float) -> np.ndarray:
@@ -90,20 +87,19 @@ def profile(particles: Any, edges: np.ndarray, place: np.ndarray, hill: float) -
     ring = np.clip(np.searchsorted(edges, particles.radius) - 1, 0, len(middle) - 1)
     kept = (angle > out[ring]) & (particles.radius > edges[0]) & (particles.radius < edges[-1])
     mass = np.bincount(ring[kept], particles.mass[kept], len(middle))
-    return mass / ((np.pi - out) * np.diff(np.square(edges)))
+    with np.errstate(invalid="ignore"):  # NaN in a ring that lies within HILLS Hill radii at all angles
+        return mass / ((np.pi - out) * np.diff(np.square(edges)))
 
 
 class Gap:
     """Profiles of a run, means over its last orbits, in units of the first snapshot's."""
 
     def __init__(self, directory: Path, orbits: float, over: Path | None = None) -> None:
-        files = snapshots_of(directory)
-        self.first, last = read_snapshot(files[0]), read_snapshot(files[-1])
-        if last.gas is None:
-            raise InputError(f"{directory}: no gas, which a gap is in")
+        files = snapshot_files(directory)
+        self.first, last = read(files[0]), read(files[-1])
         self.scene = load_scene(directory / "scene.toml")
-        if self.scene.table("alpha_viscosity") is None:
-            raise InputError(f"{directory}: no [alpha_viscosity], on which the depth of a gap depends")
+        self._refuse_other_runs(directory, len(files))
+        times, self.units = times_and_units(files)
         _, self.mass, self.axis = companion_at(directory, [last.time])
         self.ratio = self.mass / self.scene.star.mass
         period = 2 * np.pi * np.sqrt(self.axis**3 / (self.scene.star.mass + self.mass))
@@ -113,26 +109,47 @@ class Gap:
         wide = max(self.aspect_ratio * self.axis, HILLS * self.hill)
         self.near = np.abs(self.radius - self.axis) < wide  # rings of the gap
         self.kinds = self._kinds(last)
-        self.orbits = np.array([read_snapshot(file).time / period for file in files])
+        self.orbits = np.array(times) / period
         self.each = self._profiles(directory, files, self.orbits * period)
+        start = gaussian(self.each["gas"][0], STRIPES)
+        if not (start[self.near] > EDGE * start.max()).all():
+            raise InputError(
+                f"{directory}: no gas at the orbit of the companion at the start; expected a gap in a disc"
+            )
         self.span = orbits
         self.profiles = {name: self.mean(name, self.orbits[-1] - orbits) for name in self.each}
         self.over = None if over is None else self._alone(over, period)
 
+    def _refuse_other_runs(self, directory: Path, snapshots: int) -> None:
+        """Raise InputError unless the run has a two-dimensional viscous disc of gas with a known H."""
+        scene = self.scene
+        if scene.gas is None or self.first.gas is None or self.first.dimensions != 2:
+            raise InputError(f"{directory}: no gas in two dimensions; expected a run with [gas] and one [companion]")
+        if scene.table("companion") is None:
+            raise InputError(f"{directory}: no [companion]; expected a run with one companion")
+        if scene.table("alpha_viscosity") is None:
+            raise InputError(f"{directory}: no [alpha_viscosity], on which the depth of a gap depends")
+        if scene.gas.eos.kind == "polytropic":
+            raise InputError(f"{directory}: gas.eos is polytropic, without a given H/r; expected another kind")
+        if snapshots < 2:
+            raise InputError(f"{directory}: one snapshot; expected the start and at least one later snapshot")
+
     def _profiles(self, directory: Path, files: list[Path], times: np.ndarray) -> dict[str, np.ndarray]:
-        """Surface densities (snapshots, rings) of each kind."""
+        """Return surface densities (snapshots, rings) of each kind."""
         places, _, _ = companion_at(directory, list(times))
         found: dict[str, list[np.ndarray]] = {name: [] for name, _ in self.kinds}
         for file, place in zip(files, places, strict=True):
-            snap = read_snapshot(file)
+            snap = read(file)
             for name, population in self.kinds:
                 particles = snap.gas if population is None else only(snap.dust, population)
                 found[name].append(profile(particles, self.edges, place, self.hill))
         return {name: np.array(own) for name, own in found.items()}
 
     def _alone(self, directory: Path, period: float) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Orbits (snapshots,) and surface densities (snapshots, rings) of a run without a companion."""
-        snaps = [read_snapshot(file) for file in snapshots_of(directory)]
+        """Return orbits (snapshots,) and surface densities (snapshots, rings) of a run without a companion."""
+        snaps = [read(file) for file in snapshot_files(directory)]
+        if snaps[0].gas is None or vars(snaps[0].units) != vars(self.units):
+            raise InputError(f"--over {directory}: no gas, or other units; expected the same disc without a companion")
         found = {}
         for name, population in self.kinds:
             if name == "gas" or snaps[0].dust is not None:
@@ -142,11 +159,11 @@ class Gap:
 
     @staticmethod
     def _between(orbits: np.ndarray, first: float, last: float) -> np.ndarray:
-        """Which snapshots (n,) are of these orbits; the start never is."""
+        """Return a mask (n,) of the snapshots of these orbits, without the start."""
         return (np.arange(len(orbits)) > 0) & (orbits > first + 1e-6) & (orbits <= last + 1e-6)
 
     def unperturbed(self, name: str, first: float, last: float) -> np.ndarray:
-        """Sigma_0 (rings,): of the start, or of the other run the mean between two orbits, after its end the last."""
+        """Return Sigma_0 (rings,): of the start, or the mean of the other run between two orbits (at least its end)."""
         if self.over is None or name not in self.over[1]:
             return gaussian(self.each[name][0], STRIPES)
         orbits, each = self.over
@@ -154,18 +171,19 @@ class Gap:
         return gaussian(each[name][chosen if chosen.any() else [-1]].mean(axis=0), STRIPES)
 
     def mean(self, name: str, first: float, last: float = np.inf) -> np.ndarray:
-        """Mean profile (rings,) of the snapshots after the orbit `first`, up to `last`; the start is none of them."""
+        """Return the mean profile (rings,) of the snapshots after the orbit `first`, up to `last`."""
         chosen = self._between(self.orbits, first, last)
         return gaussian(self.each[name][chosen].mean(axis=0))
 
     def history(self) -> list[tuple[float, float]]:
-        """End in orbits, and depth of the gas, of each whole span before the last orbit."""
+        """Return the end in orbits and the depth of the gas for each whole span before the last orbit."""
         ends = self.orbits[-1] - self.span * np.arange(int(self.orbits[-1] / self.span + 1e-6))[::-1]
-        return [(end, self.depth("gas", end - self.span, end)) for end in ends]
+        with_snapshots = [end for end in ends if self._between(self.orbits, end - self.span, end).any()]
+        return [(end, self.depth("gas", end - self.span, end)) for end in with_snapshots]
 
     @staticmethod
     def _kinds(snap: Snapshot) -> list[tuple[str, int | None]]:
-        """The gas, and each population of dust."""
+        """Return name and population of the gas (None) and of each dust population."""
         dust = [] if snap.dust is None else [(f"dust {k + 1}", k) for k in range(snap.dust.species.max() + 1)]
         return [("gas", None), *dust]
 
@@ -185,29 +203,31 @@ class Gap:
 
     @property
     def inside_of_grids(self) -> float:
-        """What Fung, Shi & Chiang (2014) found for `inside`, by their fit; nan where it says nothing."""
+        """The fit of Fung, Shi & Chiang (2014) to `inside`; NaN outside its range."""
         q, alpha, aspect = self.ratio / 1e-3, self.alpha / 0.01, self.aspect_ratio / 0.05
         share = 0.14 * q**-2.16 * alpha**1.41 * aspect**6.61
         return share if 0.1 <= q <= 5.0 and share < SHALLOW else float("nan")
 
     def left(self, name: str, first: float | None = None, last: float = np.inf) -> np.ndarray:
-        """Sigma / Sigma_0 (rings,) of the orbits from `first` to `last`, by default of the last span; nan beyond the
-        disc's edges, where it says nothing.
+        """Return Sigma / Sigma_0 (rings,) of the orbits from `first` to `last`, by default of the last span.
+
+        The ratio is NaN beyond the edges of the disc.
         """
         first = self.orbits[-1] - self.span if first is None else first
         over = self.unperturbed(name, first, last)
         return self.mean(name, first, last) / np.where(over > EDGE * over.max(), over, np.nan)
 
     def depth(self, name: str, first: float | None = None, last: float = np.inf) -> float:
-        """Least of `left` within a scale height or two Hill radii of the orbit."""
+        """Return the smallest `left` within a scale height or two Hill radii of the orbit."""
         return float(self.left(name, first, last)[self.near].min())
 
     def inside(self, name: str) -> float:
-        """Mass over that of Sigma_0 in the gap, in the last span."""
+        """Return the mass in the gap over that of Sigma_0, in the last span; NaN if Sigma_0 is 0 there."""
         area = np.diff(np.square(self.edges))[self.near]
         first = self.orbits[-1] - self.span
         unperturbed = self.unperturbed(name, first, np.inf)[self.near]
-        return float((self.profiles[name][self.near] * area).sum() / (unperturbed * area).sum())
+        start = float((unperturbed * area).sum())
+        return float((self.profiles[name][self.near] * area).sum()) / start if start > 0.0 else np.nan
 
     @property
     def pressure(self) -> np.ndarray:
@@ -216,82 +236,101 @@ class Gap:
         return self.profiles["gas"] * heights**2 / self.radius**3
 
     def summit(self, values: np.ndarray) -> float:
-        """Where values (rings,) are largest beyond the orbit, and above those on both sides; nan for no such place."""
+        """Return the radius of the highest maximum of `values` (rings,) outside the orbit; NaN without a maximum."""
         k = np.flatnonzero((values[1:-1] > values[:-2]) & (values[1:-1] >= values[2:])) + 1
         k = k[self.radius[k] > self.axis]
         return float(self.radius[k[values[k].argmax()]]) if len(k) else float("nan")
 
 
 def gaussian(values: np.ndarray, rings: float = 2.0) -> np.ndarray:
-    """Of a quiet start's rings of particles some profiles show stripes, which a kernel's width takes out."""
+    """Smooth a profile by a Gaussian of so many rings: particles of a quiet start lie on rings, which would show."""
     return gaussian_filter1d(values, rings, mode="nearest")
 
 
 def only(dust: Any, population: int) -> Any:
-    """The particles of one population."""
-    from dataclasses import replace
-
+    """Return the particles of one population."""
     kept = dust.species == population
-    return replace(dust, pos=dust.pos[kept], mass=dust.mass[kept], ids=dust.ids[kept])
+    return replace(dust, pos=dust.pos[kept], mass=dust.mass[kept], species=dust.species[kept])
 
 
-def draw(gap: Gap, path: Path) -> None:
+def labels(gap: Gap) -> list[str]:
+    """Return the names of the gas and of the dust populations, with grain sizes if the scene has them."""
+    texts = [f" ({each.text})" if each.text != str(each.number) else "" for each in populations_of(gap.first)]
+    return ["gas", *(name + text for name, text in zip(list(gap.profiles)[1:], texts, strict=False))]
+
+
+def draw(gap: Gap) -> Figure:
+    """Return the figure of the profiles."""
     figure = Figure(figsize=(7, 4.5), layout="constrained")
-    FigureCanvasAgg(figure)
     axes = figure.subplots()
-    for name in gap.profiles:
-        axes.plot(gap.radius / gap.axis, gap.left(name), label=name)
+    for name, label in zip(gap.profiles, labels(gap), strict=True):
+        axes.plot(gap.radius / gap.axis, gap.left(name), label=figure_text(label))
     pressure = gap.pressure
-    axes.plot(gap.radius / gap.axis, pressure / pressure.max(), "k:", label="pressure, over its largest")
+    axes.plot(gap.radius / gap.axis, pressure / pressure.max(), "k:", label="pressure over its maximum")
     axes.axhline(gap.theory, color="grey", lw=0.8, label="depth by Kanagawa et al. (2015)")
-    axes.set(xlabel="r / a", ylabel="surface density over that of the start", yscale="log", ylim=(1e-3, None))
+    axes.set(xlabel="r / a", ylabel=r"$\Sigma / \Sigma_0$", yscale="log", ylim=(1e-3, None))
     axes.set_title(
         f"q = {gap.ratio:.3g}, H/r = {gap.aspect_ratio:.3g}, alpha = {gap.alpha:.3g}, {gap.orbits[-1]:.0f} orbits"
     )
     axes.legend(frameon=False)
-    figure.savefig(path, dpi=150)
+    return figure
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Run the command line; returns the exit status."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("directory", type=Path, metavar="DIR", help="output directory of a run")
-    parser.add_argument("-o", "--output", type=Path, default=Path(), metavar="OUT", help="where to write")
-    parser.add_argument("--last", type=float, default=10.0, metavar="N", help="orbits of the mean (default 10)")
+def write(gap: Gap, into: Path, name: str) -> list[Path]:
+    """Write the profiles and the figure, and return their paths."""
+    table, picture = into / f"{name}-gap.csv", into / f"{name}-gap.png"
+    head = ["radius", *gap.profiles, *(f"{kind} over start" for kind in gap.profiles), "pressure"]
+    columns = [gap.radius, *gap.profiles.values(), *map(gap.left, gap.profiles), gap.pressure]
+    write_table(table, head, zip(*columns, strict=True))
+    save(partial(draw, gap), picture)
+    return [table, picture]
+
+
+def show(gap: Gap, name: str) -> None:
+    """Print one line for each quantity."""
+    factor, unit = display_unit(gap.units, "length", "au")
+    kinds, depth = list(gap.profiles), gap.depth("gas")
+    none = [None] * (len(kinds) - 1)
+    rows: list[list[object]] = [
+        ["smallest Sigma / Sigma_0 in the gap", "", *map(gap.depth, kinds)],
+        ["formula of Kanagawa et al. (2015)", "", gap.theory, *none],
+        ["depth over this formula", "", depth / gap.theory, *none],
+        ["mass left in the gap, M / M_0", "", *map(gap.inside, kinds)],
+    ]
+    if not np.isnan(gap.inside_of_grids):
+        rows += [["mass left in grid codes, Fung et al. (2014)", "", gap.inside_of_grids, *none]]
+    peaks = [factor * gap.summit(gap.profiles[kind]) for kind in kinds[1:]]
+    rows += [["radius of the largest Sigma outside the orbit", unit, None, *peaks]] if peaks else []
+    rows += [["radius of the largest pressure outside the orbit", unit, factor * gap.summit(gap.pressure), *none]]
+    first = max(gap.orbits[-1] - gap.span, 0.0)
+    planet = f"q = {gap.ratio:.3g}, a = {factor * gap.axis:.4g} {unit}"
+    title = f"{name}: {planet}, H/r = {gap.aspect_ratio:.3g}, alpha = {gap.alpha:.3g}"
+    orbits = f"mean of orbits {first:.4g} to {gap.orbits[-1]:.4g}"
+    print_table(f"{title}\n{orbits}", ["quantity", "unit", *labels(gap)], rows)
+    history = ", ".join(f"{depth:.3g} to orbit {end:.0f}" for end, depth in gap.history())
+    if history:
+        print(f"depth of the gas: {history}")
+
+
+def main(arguments: list[str] | None = None, prog: str | None = None) -> int:
+    """Run the command line, and return the exit status."""
+    parser = argparse.ArgumentParser(prog, description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("directory", type=Path, metavar="DIR", help="directory of a run")
+    parser.add_argument("-o", "--output", type=Path, default=Path(), metavar="OUT", help="directory of the files")
+    parser.add_argument(
+        "--last", type=positive_number, default=10.0, metavar="ORBITS", help="orbits of the mean (default 10)"
+    )
     parser.add_argument("--over", type=Path, metavar="DIR", help="a run without companion, for Sigma_0")
     given = parser.parse_args(arguments)
+    name = given.directory.resolve().name
     try:
         gap = Gap(given.directory, given.last, given.over)
-        write(gap, given.output, given.directory.resolve().name)
-    except (InputError, SceneError, SnapshotError, OSError) as error:
-        print(f"gap: {error}", file=sys.stderr)
-        return 2
+        written = write(gap, given.output, name)
+    except (UserError, OSError) as error:
+        return print_fault("gap", error)
+    show(gap, name)
+    print("\n".join(str(path) for path in written))
     return 0
-
-
-def write(gap: Gap, into: Path, name: str) -> None:
-    """Print the table, and write figure and profiles."""
-    into.mkdir(parents=True, exist_ok=True)
-    draw(gap, into / f"{name}-gap.png")
-    with (into / f"{name}-gap.csv").open("w", newline="") as stream:
-        rows = csv.writer(stream)
-        rows.writerow(["radius", *gap.profiles, *(f"{kind} over start" for kind in gap.profiles), "pressure"])
-        rows.writerows(zip(gap.radius, *gap.profiles.values(), *map(gap.left, gap.profiles), gap.pressure, strict=True))
-    table = Table("", "depth", "theory", "depth / theory", "inside", "ring", "largest pressure")
-
-    def left(kind: str) -> str:
-        return f"{gap.inside(kind):.3g}"
-
-    depth, summit = gap.depth("gas"), gap.summit(gap.pressure)
-    table.add_row(
-        "gas", f"{depth:.3g}", f"{gap.theory:.3g}", f"{depth / gap.theory:.3g}", left("gas"), "", f"{summit:.4g}"
-    )
-    if not np.isnan(gap.inside_of_grids):
-        table.add_row("gas, grid codes", "", "", "", f"{gap.inside_of_grids:.3g}", "", "")
-    for kind in list(gap.profiles)[1:]:
-        table.add_row(kind, f"{gap.depth(kind):.3g}", "", "", left(kind), f"{gap.summit(gap.profiles[kind]):.4g}", "")
-    Console(width=100).print(table)
-    print("depth of the gas:", ", ".join(f"{depth:.3g} to orbit {end:.0f}" for end, depth in gap.history()))
 
 
 if __name__ == "__main__":

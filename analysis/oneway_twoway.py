@@ -1,59 +1,69 @@
-"""One-way against two-way drag: the dust of two or more runs side by side in radius and time.
+"""Compare the dust of two or more runs in radius and time, such as one-way and two-way drag.
 
-    python analysis/oneway_twoway.py DIR1 DIR2 [DIR ...] [-o OUT] [--within R,...] [--smooth W]
+    discsim analyse oneway-twoway DIR1 DIR2 [DIR ...] [-o OUT] [--within R,...] [--smooth W] [--times]
+    python analysis/oneway_twoway.py ...                         the same, from a copy of this script
 
-Writes, into OUT or the present directory, oneway_twoway.png (log Sigma_dust of all runs in radius and time, with the
-track of the ring, and of two runs their ratio) and oneway_twoway.csv, and prints of all in time: the radii r10, r50
-and r90 that hold a tenth, a half and nine tenths of the dust that is left; its mass within some radii, with what the
-star has taken (`--within`; else the three at the start of the first run); and the ring: place, height, width and
-contrast of the highest peak of its surface density, smoothed with a Gaussian of standard deviation W (`--smooth`; else
-two rings of 80). Width is that at half of the peak's height over the higher of its two feet, contrast the peak over
-that foot. Lengths are in au, or in code units. The runs must have the same units; where their times differ the first is
-followed up to the end of the shortest.
+The script prints these quantities at the end of the runs, with --times for each snapshot. Lengths are in au, or in
+code units. All dust populations of a run are taken together.
+
+    r10, r50, r90   radii that contain a tenth, a half and nine tenths of the remaining dust
+    M(<R)           dust within R, with the dust that the star has accreted; --within sets the radii (default: r10, r50
+                    and r90 at the start of the first run)
+    peak            radius, height, width and contrast of the highest peak of the surface density, smoothed by a
+                    Gaussian of standard deviation W (--smooth; default: two rings of 80). The width is that at half of
+                    the height above the higher foot of the peak, the contrast is the height over this foot
+
+It writes two files into OUT or the present directory: oneway_twoway.csv with all times, and oneway_twoway.png with
+log Sigma_dust in radius and time, the radius of the peak, and the ratio of two runs. The runs must have the same
+units. If their times differ, the first run is followed to the end of the shortest.
 """
 
 from __future__ import annotations
 
 import argparse
-import csv
 import sys
+from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
-from rich.console import Console
-from rich.table import Table
 from scipy.signal import peak_prominences, peak_widths
 
 from discsim.output.bins import density_range
-from discsim.output.snapshot import Snapshot, SnapshotError, read_snapshot
+from discsim.output.drawing import figure_text
+from discsim.output.populations import populations_of
+from discsim.output.results import CODE_UNITS, display_unit, positive_number, print_fault, print_table, write_table
+from discsim.output.snapshot import Snapshot, read_snapshot, snapshot_files
+from discsim.plot.request import save
+from discsim.printable import UserError
 from discsim.study.outcomes import QUANTILES, RINGS, SMOOTHING_RINGS, quantile_radii, smoothed
 
-FINE = 4  # rings in a given width of the smoothing, least
+FINE = 4  # smallest number of rings in a given width of the smoothing
+MAX_RINGS = 100_000
 
 
-class InputError(Exception):
-    """Something the user can put right; the message says what."""
+class InputError(UserError):
+    """A run or an option that does not suit the comparison; the message has the reason."""
 
 
 def snapshots(directory: Path) -> list[Snapshot]:
-    """The snapshots of a run, all with dust in two dimensions. Raises InputError."""
-    files = sorted((directory / "snapshots").glob("*.h5"))
-    if not files:
-        raise InputError(f"{directory}: no snapshots found; expected the output directory of a run")
-    found = [read_snapshot(file) for file in files]
-    if found[0].dimensions != 2 or found[0].dust is None:
+    """Return positions and masses in the snapshots of a run, relative to the centre of the disc.
+
+    Raises SnapshotError, and InputError without dust in two dimensions.
+    """
+    found = [read_snapshot(file, ()).about_centre() for file in snapshot_files(directory)]
+    if found[0].dimensions != 2 or found[0].dust is None or found[0].dust.count == 0:
         raise InputError(f"{directory}: no dust in two dimensions here; expected the run of a dusty disc")
     return found
 
 
 def ring(edges: np.ndarray, sigma: np.ndarray, rings: float) -> list[float]:
-    """Place, height, width and contrast of the highest peak of a profile, smoothed over so many rings."""
+    """Return radius, height, width and contrast of the highest peak of a profile, smoothed over so many rings."""
     profile, side = smoothed(sigma, rings), edges[1] - edges[0]
     k = int(profile.argmax())
-    around = np.concatenate([[0.0], profile, [0.0]])  # a peak at the edge is one
+    around = np.concatenate([[0.0], profile, [0.0]])  # so that a maximum at an edge counts as a peak
     if profile[k] <= 0.0:
         return [float("nan")] * 4
     prominences = peak_prominences(around, [k + 1])
@@ -63,7 +73,7 @@ def ring(edges: np.ndarray, sigma: np.ndarray, rings: float) -> list[float]:
 
 
 def rows_of(run: list[Snapshot], edges: np.ndarray, radii: np.ndarray, rings: float) -> list[list[float]]:
-    """time, r10, r50, r90, masses within `radii`, and the ring, of each snapshot, in code units."""
+    """Return time, r10, r50, r90, masses within `radii`, and the peak, for each snapshot, in code units."""
     rows = []
     for snap in run:
         radius, mass = snap.dust.radius, snap.dust.mass
@@ -75,10 +85,13 @@ def rows_of(run: list[Snapshot], edges: np.ndarray, radii: np.ndarray, rings: fl
 
 
 def common(runs: list[list[Snapshot]]) -> list[list[Snapshot]]:
-    """The snapshots of all up to the shortest's end; those nearest in time to the first's. Raises InputError."""
+    """Return the snapshots of the first run up to the shortest end, and of the others those nearest in time.
+
+    Raises InputError for different units.
+    """
     first = runs[0]
     if any(vars(run[0].units) != vars(first[0].units) for run in runs):
-        raise InputError("the runs have different units; expected the same in all")
+        raise InputError("the runs have different units; expected runs with the same [units]")
     end = min(run[-1].time for run in runs) * (1 + 1e-9)
     chosen = [[snap for snap in first if snap.time <= end]]
     for run in runs[1:]:
@@ -87,18 +100,26 @@ def common(runs: list[list[Snapshot]]) -> list[list[Snapshot]]:
     return chosen
 
 
-def draw(names, times, edges, profiles, tracks, labels) -> Figure:
-    """Sigma_dust of all runs in radius and time, and of two the second over the first."""
+def draw(
+    names: list[str],
+    times: np.ndarray,
+    edges: np.ndarray,
+    profiles: list[np.ndarray],
+    tracks: list[np.ndarray],
+    labels: list[str],
+) -> Figure:
+    """Return the figure: Sigma_dust of all runs in radius and time, and the ratio of two runs."""
     ratio = len(names) == 2
     figure = Figure(figsize=(5 * (len(names) + ratio), 4.4), layout="constrained")
-    FigureCanvasAgg(figure)
     axes = figure.subplots(1, len(names) + ratio, sharey=True, squeeze=False)[0]
     norm = LogNorm(*density_range(np.concatenate(profiles)), clip=True)
     between = np.concatenate([times[:1], 0.5 * (times[1:] + times[:-1]), times[-1:]])
+    if len(times) == 1:
+        between[1] += 1.0  # a single snapshot needs some extent in time
     for ax, name, sigma, track in zip(axes, names, profiles, tracks, strict=False):
         image = ax.pcolormesh(edges, between, np.maximum(sigma, norm.vmin), norm=norm, cmap="inferno", rasterized=True)
         ax.plot(track, times, color="c", lw=0.8, ls=":")
-        ax.set_title(name)
+        ax.set_title(figure_text(name))
     figure.colorbar(image, ax=axes[len(names) - 1], label=labels[2])
     if ratio:
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -106,7 +127,7 @@ def draw(names, times, edges, profiles, tracks, labels) -> Figure:
             over = np.where(there, profiles[1] / profiles[0], np.nan)
         norm = LogNorm(0.5, 2, clip=True)
         image = axes[2].pcolormesh(edges, between, over, norm=norm, cmap="RdBu_r", rasterized=True)
-        axes[2].set_title(f"{names[1]} / {names[0]}")
+        axes[2].set_title(figure_text(f"{names[1]} / {names[0]}"))
         figure.colorbar(image, ax=axes[2])
     for ax in axes:
         ax.set_xlabel(labels[0])
@@ -114,77 +135,109 @@ def draw(names, times, edges, profiles, tracks, labels) -> Figure:
     return figure
 
 
-def compare(directories: list[Path], out: Path, within: list[float], width: float | None) -> Table:
-    """Write figure and table of the runs; returns the table. `within` and `width` in au, or code units."""
+class Comparison(NamedTuple):
+    """Quantities of all runs: `names` of runs, `columns` (name, unit), and `rows` (times, columns) of each run."""
+
+    names: list[str]
+    columns: list[tuple[str, str]]
+    rows: list[np.ndarray]
+    populations: int
+
+
+def compare(directories: list[Path], out: Path, within: list[float], width: float | None) -> Comparison:
+    """Write figure and table of the runs, and return the comparison. `within` and `width` are in au, or code units.
+
+    Raises InputError, SnapshotError, OSError.
+    """
+    if len(directories) < 2:
+        raise InputError(f"{directories[0]}: only one run; expected two or more directories of runs to compare")
     runs = common([snapshots(directory) for directory in directories])
     one, names = runs[0], [directory.resolve().name for directory in directories]
-    physical = one[0].units.system != "code"
-    quantity = one[0].units.quantity
-
-    def factor(dimension: str, unit: str) -> float:
-        return float(quantity(1.0, dimension).to_value(unit)) if physical else 1.0
-
-    length, time, density = factor("length", "au"), factor("time", "yr"), factor("surface_density", "g/cm2")
-    mass = factor("mass", "Mearth")
+    (length, au), (time, yr), (density, g_cm2), (mass, earth) = (
+        display_unit(one[0].units, dimension, unit)
+        for dimension, unit in
+        (("length", "au"), ("time", "yr"), ("surface_density", "g/cm2"), ("mass", "Mearth"))
+    )  # fmt: skip
     start = one[0].dust.radius
     radii = np.array(within) / length if within else np.array(quantile_radii(start, one[0].dust.mass))
     reach = 1.1 * float(np.quantile(start, 0.999))
     number = RINGS if width is None else max(RINGS, int(np.ceil(FINE * reach * length / width)))
+    if number > MAX_RINGS:
+        raise InputError(f"--smooth {width:g}: expected at least {FINE * reach * length / MAX_RINGS:.3g}")
     edges = np.linspace(0, reach, number + 1)
     rings = SMOOTHING_RINGS if width is None else width / length / (edges[1] - edges[0])
     scale = np.array([time, *[length] * 3, *[mass] * len(radii), length, density, length, 1.0])
-    unit = {"t": " [yr]", "r": " [au]", "M": " [Mearth]", "S": " [g/cm2]"} if physical else dict.fromkeys("trMS", "")
-    columns = [f"time{unit['t']}"]
-    columns += [f"r{100 * q:.0f}{unit['r']}" for q in QUANTILES]
-    columns += [f"M(<{length * r:.3g}){unit['M']}" for r in radii]
-    columns += [f"peak at{unit['r']}", f"peak{unit['S']}", f"width{unit['r']}", "contrast"]
-    out.mkdir(parents=True, exist_ok=True)
-    table = Table("run", *columns)
-    found = [[scale * np.array(row) for row in rows_of(run, edges, radii, rings)] for run in runs]
-    with (out / "oneway_twoway.csv").open("w", newline="") as stream:
-        writer = csv.writer(stream)
-        writer.writerow(["run", *columns])
-        for rows in zip(*found, strict=True):
-            for name, row in zip(names, rows, strict=True):
-                values = [f"{value:.5g}" for value in row]
-                writer.writerow([name, *values])
-                table.add_row(name, *values)
+    columns = [("time", yr), *((f"r{100 * q:.0f}", au) for q in QUANTILES)]
+    columns += [(f"M(<{length * r:.3g})", earth) for r in radii]
+    columns += [("peak at", au), ("peak", g_cm2), ("width", au), ("contrast", "")]
+    found = [scale * np.array(rows_of(run, edges, radii, rings)) for run in runs]
+    made = Comparison(names, columns, found, len(populations_of(one[0])))
+    lines = ((name, *(f"{v:.5g}" for v in row)) for rows in zip(*found, strict=True)
+             for name, row in zip(names, rows, strict=True))  # fmt: skip
+    write_table(out / "oneway_twoway.csv", ["run", *headings(columns)], lines)
     profiles = [density * smoothed(np.array([s.dust.radial_profile(edges) for s in run]), rings) for run in runs]
+    labels = ["r", "t", r"$\Sigma_d$"] if au == CODE_UNITS else ["r [au]", "t [yr]", r"$\Sigma_d$ [g cm$^{-2}$]"]
     times = time * np.array([snap.time for snap in one])
-    labels = ["r [au]", "t [yr]", r"$\Sigma_d$ [g cm$^{-2}$]"] if physical else ["r", "t", r"$\Sigma_d$"]
-    tracks = [np.array(rows)[:, columns.index(f"peak at{unit['r']}")] for rows in found]
-    draw(names, times, length * edges, profiles, tracks, labels).savefig(out / "oneway_twoway.png", dpi=110)
-    return table
+    tracks = [rows[:, columns.index(("peak at", au))] for rows in found]
+    save(partial(draw, names, times, length * edges, profiles, tracks, labels), out / "oneway_twoway.png")
+    return made
+
+
+def headings(columns: list[tuple[str, str]]) -> list[str]:
+    """Return the heads of columns: names, with units unless these are code units."""
+    return [f"{name} [{unit}]" if unit not in ("", CODE_UNITS) else name for name, unit in columns]
+
+
+def show(made: Comparison) -> None:
+    """Print one line for each quantity at the end of the runs, with the start of the first run, and ratios of two."""
+    first, last = made.rows[0][0], [rows[-1] for rows in made.rows]
+    together = f", all {made.populations} populations together" if made.populations > 1 else ""
+    unit = made.columns[0][1]
+    title = f"Dust at {last[0][0]:.4g} {unit}{together}"
+    au = dict(made.columns)["r50"]
+    head = ["quantity", "unit", f"start of {made.names[0]}", *made.names]
+    head += [f"{made.names[1]} / {made.names[0]}"] if len(made.names) == 2 else []
+    rows: list[list[object]] = []
+    for k, (name, unit) in enumerate(made.columns):
+        values = [float(first[k]), *(float(row[k]) for row in last)]
+        ratio = [values[2] / values[1] if values[1] and np.isfinite(values[1:]).all() else None]
+        text = f"{name[:-1]} {au})" if name.startswith("M(") and au != CODE_UNITS else name
+        rows.append([text, unit, *values, *(ratio if len(made.names) == 2 else [])])
+    print_table(title, head, rows[1:])
+
+
+def show_times(made: Comparison) -> None:
+    """Print one line for each run and snapshot."""
+    rows: list[list[object]] = []
+    for lines in zip(*made.rows, strict=True):
+        rows += [[name, *map(float, line)] for name, line in zip(made.names, lines, strict=True)]
+    print_table("Dust in time", ["run", *headings(made.columns)], rows)
 
 
 def lengths(text: str) -> list[float]:
-    """Positive numbers between commas."""
-    found = [float(part) for part in text.split(",")]
-    if not all(0.0 < value < np.inf for value in found):
-        raise argparse.ArgumentTypeError(f"{text}: expected lengths above 0")
-    return found
+    """Return positive numbers, separated by commas, from the command line."""
+    return [positive_number(part) for part in text.split(",")]
 
 
-def length(text: str) -> float:
-    return lengths(text)[0]
-
-
-def main(arguments: list[str] | None = None) -> int:
-    """Run the command line; returns the exit status."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("runs", type=Path, nargs="+", metavar="DIR", help="output directories of runs, two or more")
+def main(arguments: list[str] | None = None, prog: str | None = None) -> int:
+    """Run the command line, and return the exit status."""
+    parser = argparse.ArgumentParser(prog, description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("runs", type=Path, nargs="+", metavar="DIR", help="directories of two or more runs")
     parser.add_argument(
-        "-o", "--output", type=Path, default=Path(), metavar="OUT", help="where to write; default: here"
+        "-o", "--output", type=Path, default=Path(), metavar="OUT", help="directory of the files (default: the present)"
     )
     parser.add_argument("--within", type=lengths, default=[], metavar="R,...", help="radii whose masses are shown")
-    parser.add_argument("--smooth", type=length, metavar="W", help="standard deviation of the profiles' smoothing")
+    parser.add_argument(
+        "--smooth", type=positive_number, metavar="W", help="standard deviation of the smoothing of profiles"
+    )
+    parser.add_argument("--times", action="store_true", help="print the quantities of each snapshot")
     given = parser.parse_args(arguments)
     try:
-        table = compare(given.runs, given.output, given.within, given.smooth)
-    except (InputError, SnapshotError, OSError) as error:
-        print(f"oneway_twoway: {error}", file=sys.stderr)
-        return 2
-    Console(width=200).print(table)
+        made = compare(given.runs, given.output, given.within, given.smooth)
+    except (UserError, OSError) as error:
+        return print_fault("oneway_twoway", error)
+    (show_times if given.times else show)(made)
+    print(f"{given.output / 'oneway_twoway.csv'}\n{given.output / 'oneway_twoway.png'}")
     return 0
 
 

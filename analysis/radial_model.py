@@ -27,12 +27,13 @@ from typing import Any
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from oneway_twoway import InputError, length, lengths, quantile_radii, ring, smoothed, snapshots
+from oneway_twoway import InputError, lengths, quantile_radii, ring, smoothed, snapshots
 from rich.console import Console
 from rich.table import Table
 
 from discsim import SceneError, load_scene
 from discsim.exact import nsh
+from discsim.output.results import positive_number
 from discsim.output.snapshot import SnapshotError
 from discsim.physics import profile, viscosity
 from discsim.physics.centre import kepler_omega
@@ -170,7 +171,9 @@ def main(arguments: list[str] | None = None) -> int:
         "-o", "--output", type=Path, default=Path(), metavar="OUT", help="where to write; default: here"
     )
     parser.add_argument("--within", type=lengths, default=[], metavar="R,...", help="radii whose shares are shown")
-    parser.add_argument("--smooth", type=length, default=0.1, metavar="W", help="standard deviation; default: 0.1")
+    parser.add_argument(
+        "--smooth", type=positive_number, default=0.1, metavar="W", help="standard deviation; default: 0.1"
+    )
     parser.add_argument("--cells", type=int, default=CELLS, help=f"of the model; default: {CELLS}")
     given = parser.parse_args(arguments)
     try:

@@ -1,38 +1,42 @@
-"""Stress of a self-gravitating disc, in units of its pressure, in radius and time: what turbulence and arms carry.
+"""Measure the stress of a self-gravitating disc in units of its pressure: the alpha of turbulence and of spiral arms.
 
-    python analysis/stress.py DIR [-o OUT] [--inner R] [--outer R] [--orbits N]
+    discsim analyse stress DIR [-o OUT] [--inner R] [--outer R] [--orbits N] [--times]
+    python analysis/stress.py ...                                 the same, from a copy of this script
 
-DIR is the output directory of a run with [self_gravity]. In rings of each snapshot, with the ring's mean velocities
-taken off and the adiabatic sound speed:
+DIR is the directory of a run with [self_gravity]. In rings of each snapshot, relative to the mean velocities of the
+ring and with the adiabatic sound speed:
 
     Reynolds    T = Sigma <dv_r dv_phi>
-    gravity     T = -(torque of the disc's gravity on the gas within r) / (2 pi r^2)
+    gravity     T = -(torque of the gravity of the disc on the gas within r) / (2 pi r^2)
 
-alpha = sum T A / (3/2 sum Sigma c_s^2 A) over the rings' areas A between the two radii (code units; default: those that
-held the middle three fifths of the gas at the start), and over the snapshots of the last N orbits at the radius between
-(default 20). In a disc that heats itself as fast as it cools alpha = 4 / (9 gamma (gamma - 1) beta) (Gammie 2001,
-ApJ 553, 174, eq. 20), times the share of u that is above the energy to which it cools. The error is the scatter of four
-parts of that time. Prints it in time, and writes stress.csv (by radius and time) and stress.png into OUT or DIR.
+alpha = sum T A / (3/2 sum Sigma c_s^2 A) over the areas A of the rings between two radii (default: those that contain
+the middle three fifths of the gas at the start), and over the snapshots of the last N orbits at the radius between the
+two (default 20). The error is the scatter of four parts of that time. In a disc that heats itself as fast as it cools
+
+    alpha = 4 / (9 gamma (gamma - 1) beta)                                  (Gammie 2001, ApJ 553, 174, eq. 20)
+
+times the fraction of u above the energy to which the gas cools. The script prints the means, with --times also alpha
+for each snapshot. It writes stress.csv (by radius and time, in code units) and stress.png into OUT or DIR.
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from rich.console import Console
-from rich.table import Table
-from script_helpers import write_csv
 
 from discsim import Simulation
-from discsim.output.snapshot import Snapshot, SnapshotError, read_snapshot
+from discsim.output.results import display_unit, positive_number, print_fault, print_table, write_table
+from discsim.output.snapshot import Snapshot, read_snapshot, snapshot_files
 from discsim.physics.centre import kepler_omega
 from discsim.physics.cooling import target_energy
+from discsim.plot.request import save
+from discsim.printable import UserError
 from discsim.scene import Scene, load_scene
 
 RINGS = 24
@@ -40,12 +44,12 @@ BLOCKS = 4
 COLUMNS = ("time", "radius", "sigma", "pressure", "reynolds", "gravity", "excess")
 
 
-class InputError(Exception):
-    """Something the user can put right; the message says what."""
+class InputError(UserError):
+    """A run or an option that does not suit the measurement; the message has the reason."""
 
 
 class Rings(NamedTuple):
-    """Of one snapshot, (RINGS,) each: mass and sum of m c_s^2 over area, both stresses, and m (u - u_eq) over m u."""
+    """Rings (RINGS,) of a snapshot: mass and sum of m c_s^2 over area, two stresses, and m (u - u_eq) over m u."""
 
     time: float
     sigma: np.ndarray
@@ -56,7 +60,7 @@ class Rings(NamedTuple):
 
 
 def torques(snap: Snapshot) -> tuple[np.ndarray, Scene]:
-    """Torque (n,) of self-gravity on each particle of gas, and the scene."""
+    """Return the torque (n,) of self-gravity on each gas particle, and the scene."""
     given: dict[str, dict[str, Any]] = {}
     for name, p in snap.species.items():
         given[name] = {"pos": p.pos, "vel": p.vel, "mass": p.mass}
@@ -68,7 +72,7 @@ def torques(snap: Snapshot) -> tuple[np.ndarray, Scene]:
 
 
 def rings_of(snap: Snapshot, edges: np.ndarray) -> Rings:
-    """Stresses in the rings between `edges` (RINGS + 1,)."""
+    """Return the stresses in the rings between `edges` (RINGS + 1,)."""
     gas = snap.gas
     r = gas.radius
     torque, scene = torques(snap)
@@ -80,7 +84,7 @@ def rings_of(snap: Snapshot, edges: np.ndarray) -> Rings:
         return np.bincount(ring, weights, RINGS + 2)
 
     mass = np.maximum(total(gas.mass), 1e-300)
-    # From each particle's own place between the middles of rings: a mean of the ring would leave its shear.
+    # Means are interpolated to the radius of each particle: relative to the mean of a ring, its shear would remain.
     middle = 0.5 * (edges[1:] + edges[:-1])
     inside = slice(1, -1)
     dv = [v - np.interp(r, middle, (total(gas.mass * v) / mass)[inside]) for v in (radial, azimuthal)]
@@ -100,23 +104,23 @@ def rings_of(snap: Snapshot, edges: np.ndarray) -> Rings:
 
 
 def alphas(found: list[Rings], edges: np.ndarray) -> np.ndarray:
-    """Reynolds and gravitational alpha (2,), over rings and snapshots."""
+    """Return the Reynolds alpha and the gravitational alpha (2,), over rings and snapshots."""
     area = edges[1:] ** 2 - edges[:-1] ** 2
     pressure = sum(float((each.pressure * area).sum()) for each in found)
     return np.array([sum(float((t * area).sum()) for t in (getattr(each, kind) for each in found))
                      for kind in ("reynolds", "gravity")]) / (1.5 * pressure)  # fmt: skip
 
 
-def expected(snap: Snapshot) -> float | None:
-    """4 / (9 gamma (gamma - 1) beta), where the disc cools by a beta."""
-    cooling, eos = snap.tables.get("cooling", {}), snap.tables["gas"]["eos"]
-    if cooling.get("kind") != "beta":
+def expected(scene: Scene) -> float | None:
+    """Return 4 / (9 gamma (gamma - 1) beta); None if the disc does not cool by a constant beta."""
+    if scene.cooling is None or scene.cooling.kind != "beta":
         return None
-    return 4.0 / (9.0 * eos["gamma"] * (eos["gamma"] - 1.0) * cooling["beta"])
+    gamma = scene.gas.eos.gamma
+    return 4.0 / (9.0 * gamma * (gamma - 1.0) * scene.cooling.beta)
 
 
 def figure(found: list[Rings], edges: np.ndarray, wanted: float | None) -> Figure:
-    """alpha in time, and in radius."""
+    """Return the figure of alpha in time and in radius."""
     drawn = Figure(figsize=(11, 4.2), layout="constrained")
     in_time, in_radius = drawn.subplots(1, 2)
     by_time = np.array([alphas([each], edges) for each in found])
@@ -135,74 +139,94 @@ def figure(found: list[Rings], edges: np.ndarray, wanted: float | None) -> Figur
 
 
 def read(directory: Path) -> list[Snapshot]:
-    files = sorted((directory / "snapshots").glob("*.h5"))
-    if not files:
-        raise InputError(f"{directory}: no snapshots found; expected the output directory of a run")
-    run = [read_snapshot(file) for file in files]
+    """Return the snapshots of a run of self-gravitating gas. Raises InputError, SnapshotError."""
+    run = [read_snapshot(file) for file in snapshot_files(directory)]
     if run[0].gas is None or run[0].dimensions != 2 or "self_gravity" not in run[0].tables:
         raise InputError(f"{directory}: no self-gravitating gas in two dimensions; expected a disc with [self_gravity]")
+    if "star" not in run[0].tables:
+        raise InputError(f"{directory}: no star to orbit; expected a disc with [star]")
     return run
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Run the command line; returns the exit status."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("directory", type=Path, metavar="DIR", help="output directory of a run")
-    parser.add_argument("-o", "--output", type=Path, metavar="OUT", help="where to write; default: DIR")
-    parser.add_argument("--inner", type=float, metavar="R", help="inner radius in code units")
-    parser.add_argument("--outer", type=float, metavar="R", help="outer radius in code units")
-    parser.add_argument("--orbits", type=float, default=20.0, metavar="N", help="of the mean (default 20)")
-    given = parser.parse_args(arguments)
-    try:
-        run = read(given.directory)
-        usual = np.quantile(run[0].gas.radius, (0.2, 0.8))
-        inner, outer = given.inner or usual[0], given.outer or usual[1]
-        if not 0.0 < inner < outer:
-            raise InputError(f"radii from {inner:g} to {outer:g} are no range; expected --outer above --inner")
-        edges = np.linspace(inner, outer, RINGS + 1)
-        scene = load_scene(run[-1].tables)
-        if scene.star is None:
-            raise InputError(f"{given.directory}: no star to orbit; expected a disc with [star]")
-        orbit = 2.0 * np.pi / float(kepler_omega(scene, 0.5 * (inner + outer)))
-        found = [rings_of(snap, edges) for snap in run if snap.time > run[-1].time - given.orbits * orbit]
-        report(given.output or given.directory, found, edges, expected(run[-1]), orbit)
-    except (InputError, SnapshotError, OSError) as error:
-        print(f"stress: {error}", file=sys.stderr)
-        return 2
-    return 0
+def edges_of(first: Snapshot, inner: float | None, outer: float | None) -> np.ndarray:
+    """Return the edges (RINGS + 1,) of the rings. Raises InputError if there is no gas between the two radii."""
+    radius = first.gas.radius
+    usual = np.quantile(radius, (0.2, 0.8))
+    low, high = (usual[k] if given is None else given for k, given in enumerate((inner, outer)))
+    if not 0.0 < low < high < np.inf:
+        raise InputError(f"--inner, --outer: radii from {low:g} to {high:g}; expected 0 < inner < outer, in code units")
+    if not ((radius > low) & (radius < high)).any():
+        limits = f"{radius.min():.3g} to {radius.max():.3g}"
+        raise InputError(f"--inner, --outer: no gas from {low:g} to {high:g}; expected radii within {limits}")
+    return np.linspace(low, high, RINGS + 1)
 
 
-def report(into: Path, found: list[Rings], edges: np.ndarray, wanted: float | None, orbit: float) -> None:
-    """Print the table and the mean, and write the files."""
-    into.mkdir(parents=True, exist_ok=True)
+def write(into: Path, found: list[Rings], edges: np.ndarray, balance: float | None) -> list[Path]:
+    """Write the table by radius and time and the figure, and return their paths."""
     middle = 0.5 * (edges[1:] + edges[:-1])
-    rows = [
-        dict(zip(COLUMNS, (each.time, r, *values), strict=True))
-        for each in found
-        for r, *values in zip(middle, *each[1:], strict=True)
-    ]
-    write_csv(rows, COLUMNS, into / "stress.csv")
-    drawn = figure(found, edges, wanted)
-    FigureCanvasAgg(drawn)
-    drawn.savefig(into / "stress.png", dpi=130)
-    console = Console(width=100)
-    table = Table("time", "Reynolds", "gravity", "sum")
-    for each in found:
-        kinds = alphas([each], edges)
-        table.add_row(f"{each.time:.5g}", *(f"{value:+.4f}" for value in (*kinds, kinds.sum())))
-    console.print(table)
+    rows = ([each.time, r, *values] for each in found for r, *values in zip(middle, *each[1:], strict=True))
+    paths = [into / "stress.csv", into / "stress.png"]
+    write_table(paths[0], COLUMNS, rows)
+    save(partial(figure, found, edges, balance), paths[1])
+    return paths
+
+
+def show(last: Snapshot, found: list[Rings], edges: np.ndarray, balance: float | None, orbit: float) -> None:
+    """Print one line for each quantity."""
     parts = [part for part in np.array_split(np.arange(len(found)), BLOCKS) if len(part)]
     blocks = [alphas([found[k] for k in part], edges).sum() for part in parts]
     mean = alphas(found, edges)
-    error = float(np.std(blocks) / np.sqrt(len(blocks)))
+    error = float(np.std(blocks) / np.sqrt(len(blocks))) if len(blocks) > 1 else np.nan
+    rows: list[list[object]] = [
+        ["alpha, Reynolds stress", float(mean[0])],
+        ["alpha, gravitational stress", float(mean[1])],
+        ["alpha, sum", float(mean.sum())],
+        ["error of the sum", error],
+    ]
+    if balance is not None:
+        rows += [["alpha of thermal balance, 4 / (9 gamma (gamma - 1) beta)", balance]]
+        rows += [["fraction of u above its equilibrium", float(np.mean([each.excess for each in found]))]]
+    factor, unit = display_unit(last.units, "length", "au")
     span = (found[-1].time - found[0].time) / orbit
-    console.print(
-        f"r = {edges[0]:.3g} to {edges[-1]:.3g}, {len(found)} snapshots over {span:.3g} orbits: alpha = "
-        f"{mean.sum():.4f} +- {error:.4f} (Reynolds {mean[0]:.4f}, gravity {mean[1]:.4f})"
+    radii = f"r = {factor * edges[0]:.3g} to {factor * edges[-1]:.3g} {unit}"
+    print_table(f"{radii}, {len(found)} snapshots over {span:.3g} orbits", ["quantity", "value"], rows)
+
+
+def show_times(last: Snapshot, found: list[Rings], edges: np.ndarray) -> None:
+    """Print one line for each snapshot."""
+    factor, unit = display_unit(last.units, "time", "yr")
+    rows = []
+    for each in found:
+        kinds = alphas([each], edges)
+        rows.append([factor * each.time, *map(float, kinds), float(kinds.sum())])
+    print_table("alpha in time", [f"time [{unit}]", "Reynolds", "gravity", "sum"], rows)
+
+
+def main(arguments: list[str] | None = None, prog: str | None = None) -> int:
+    """Run the command line, and return the exit status."""
+    parser = argparse.ArgumentParser(prog, description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("directory", type=Path, metavar="DIR", help="directory of a run")
+    parser.add_argument("-o", "--output", type=Path, metavar="OUT", help="directory of the files (default DIR)")
+    parser.add_argument("--inner", type=positive_number, metavar="R", help="inner radius in code units")
+    parser.add_argument("--outer", type=positive_number, metavar="R", help="outer radius in code units")
+    parser.add_argument(
+        "--orbits", type=positive_number, default=20.0, metavar="N", help="orbits of the mean (default 20)"
     )
-    if wanted is not None:
-        excess = float(np.mean([each.excess for each in found]))
-        console.print(f"4 / (9 gamma (gamma - 1) beta) = {wanted:.4f}, times {excess:.3f} of u above its u_eq")
+    parser.add_argument("--times", action="store_true", help="print alpha for each snapshot too")
+    given = parser.parse_args(arguments)
+    try:
+        run = read(given.directory)
+        edges, scene = edges_of(run[0], given.inner, given.outer), load_scene(run[-1].tables)
+        orbit, balance = 2.0 * np.pi / float(kepler_omega(scene, 0.5 * (edges[0] + edges[-1]))), expected(scene)
+        found = [rings_of(snap, edges) for snap in run if snap.time > run[-1].time - given.orbits * orbit]
+        written = write(given.output or given.directory, found, edges, balance)
+    except (UserError, OSError) as error:
+        return print_fault("stress", error)
+    if given.times:
+        show_times(run[-1], found, edges)
+    show(run[-1], found, edges, balance, orbit)
+    print("\n".join(str(path) for path in written))
+    return 0
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from test_studies import even, gas_of
 
+from discsim.output.companions import COLUMNS
 from discsim.output.snapshot_writer import write_snapshot
 from discsim.scene import load_scene
 
@@ -37,15 +38,18 @@ inner = 0.5
 outer = 3.0
 """
 )
-COLUMNS = ("time", "number", "mass", "x", "y", "semi_major_axis", "torque_gas")
+NAMES = ("time", "number", "mass", "x", "y", "semi_major_axis", "torque_gas")
 
 
 def run_of(directory, rows):
     """A run's directory with a scene and the rows of companions.csv."""
     (directory / "snapshots").mkdir(parents=True)
     (directory / "scene.toml").write_text(TABLES)
+    full = [dict.fromkeys(COLUMNS, 0) | dict(zip(NAMES, row, strict=True)) for row in rows]
     with (directory / "companions.csv").open("w", newline="") as stream:
-        csv.writer(stream).writerows([COLUMNS, *rows])
+        writer = csv.DictWriter(stream, COLUMNS)
+        writer.writeheader()
+        writer.writerows(full)
     return directory
 
 
