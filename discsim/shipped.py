@@ -1,6 +1,6 @@
-"""The setups (example scenes) that come with discsim.
+"""The setups (example scenes) and the analysis scripts that come with discsim.
 
-They are in `setups/` next to this module in an installed package, and in `setups/` at the top of a clone.
+They are in `setups/` and `analysis/` next to this module in an installed package, and at the top of a clone.
 """
 
 from __future__ import annotations
@@ -10,12 +10,15 @@ import re
 import tomllib
 from dataclasses import dataclass
 from difflib import get_close_matches
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
+from types import ModuleType
 
 from discsim.printable import UserError, printable
 
 PACKAGE_DIRECTORY = Path(__file__).parent
 SETUP_DIRECTORIES = (PACKAGE_DIRECTORY / "setups", PACKAGE_DIRECTORY.parent / "setups")
+SCRIPT_DIRECTORIES = (PACKAGE_DIRECTORY / "analysis", PACKAGE_DIRECTORY.parent / "analysis")
 _LABELLED_LINE = re.compile(r"([A-Z][A-Za-z ]*): +(.+)")
 
 
@@ -124,6 +127,16 @@ def copy_setup(name: str, path: Path) -> None:
     except OSError:
         path.unlink(missing_ok=True)
         raise
+
+
+def analysis_script(name: str) -> ModuleType:
+    """Import the analysis script `name`, such as "gap", and return its module."""
+    path = next(directory for directory in SCRIPT_DIRECTORIES if directory.is_dir()) / f"{name}.py"
+    spec = spec_from_file_location(name, path)
+    assert spec is not None and spec.loader is not None
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 def _nearest_hint(name: str, known: dict[str, Setup]) -> str:

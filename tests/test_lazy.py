@@ -182,7 +182,7 @@ def test_a_start_waits_for_nothing_that_it_does_not_need(running, tmp_path, path
     assert not (unneeded | GRAVITY) & found
 
 
-@pytest.mark.parametrize("arguments", [["check"], ["effects"], ["--help"]])
+@pytest.mark.parametrize("arguments", [["check"], ["effects"], ["--help"], ["analyse", "--help"]])
 def test_checking_imports_nothing_slow(commanded, tmp_path, path, arguments):
     path.write_text(DISC)
     if arguments == ["check"]:

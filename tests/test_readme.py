@@ -139,8 +139,8 @@ def test_commands_install_what_the_project_declares():
 def test_options_are_those_of_the_commands():
     usage = next(text for text in blocks("", "docs/commands.md") if text.startswith("discsim run"))
     for line in usage.splitlines():
-        command = line.split()[1]
-        shown = CliRunner().invoke(app, [command, "--help"]).stdout
+        command = line.split()[1:3] if line.startswith("discsim analyse") else [line.split()[1]]
+        shown = CliRunner().invoke(app, [*command, "--help"]).stdout
         assert set(re.findall(r"--\w+", shown)) - {"--help", "--output"} == set(re.findall(r"--\w+", line))
 
 

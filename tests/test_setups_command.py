@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 
 from discsim import __version__, cli, load_scene, shipped
 from discsim.cli import app
+from discsim.cli.analyse import SCRIPTS
 from setups import SETUPS
 
 HOME = Path(__file__).parents[1]
@@ -206,3 +207,7 @@ def test_a_wheel_needs_no_clone(work):
     made(discsim, "new", "disc", "my.toml")
     assert (work / "my.toml").read_bytes() == (HOME / "setups/disc.toml").read_bytes()
     assert "A first disc" in made(discsim, "check", "my.toml")
+    for name in SCRIPTS:
+        assert made(discsim, "analyse", name, "--help").startswith(f"usage: discsim analyse {name} ")
+    scripts = {file.name for file in environment.glob("lib/*/site-packages/discsim/analysis/*") if file.is_file()}
+    assert scripts == {f"{script}.py" for script, _ in SCRIPTS.values()}

@@ -1,0 +1,263 @@
+"""`discsim analyse`: the scripts of analysis/ as commands, their tables with units, and their messages."""
+
+import ast
+import csv
+import sys
+import tomllib
+from importlib import import_module
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_studies import even, gas_of, run_of
+from typer.testing import CliRunner
+
+from discsim.cli import app
+from discsim.cli.analyse import SCRIPTS
+from discsim.numerics.state import Dust
+from discsim.output.companions import COLUMNS
+from discsim.output.snapshot_writer import write_snapshot
+from discsim.scene import load_scene
+
+ROOT = Path(__file__).parents[2]
+# A planet at 5.2 au in code units of 2 au and half a solar mass, with two sizes of dust.
+PLANET = """
+units = {length = "2 au", mass = "0.5 Msun"}
+run = {until = "20 yr", snapshots = 1}
+space.size = "60 au"
+star.mass = "0.8 Msun"
+alpha_viscosity.alpha = 0.004
+initial = {kind = "disc", surface_density = "90 g/cm2", inner = "2 au", outer = "14 au"}
+companion = {mass = "0.3 Mjup", semi_major_axis = "5.2 au", softening = "0.2 au"}
+drag = {law = "epstein", direction = "one-way"}
+[gas]
+particles = 500
+eos = {kind = "locally-isothermal", aspect_ratio = 0.06, temperature_index = 1.0}
+[[dust]]
+particles = 100
+ratio = 0.01
+grain_size = "3 mm"
+grain_density = "1.5 g/cm3"
+[[dust]]
+particles = 100
+ratio = 0.01
+grain_size = "0.2 mm"
+grain_density = "1.5 g/cm3"
+"""
+AXIS = 2.6  # 5.2 au in code units
+
+
+def discsim(*words):
+    """Result of a command in this process."""
+    return CliRunner().invoke(app, ["analyse", *(str(word) for word in words)])
+
+
+def lines_of(output):
+    """Entries of a table by its first column, which is separated from the others by two spaces."""
+    cells = [[cell for cell in line.strip().split("  ") if cell] for line in output.splitlines() if line.strip()]
+    return {row[0]: [cell.strip() for cell in row[1:]] for row in cells}
+
+
+def write_companions(run, rows, names=COLUMNS):
+    """Write companions.csv with rows of (time, x, y, ...), other columns being 0.7."""
+    with (run / "companions.csv").open("w", newline="") as file:
+        writer = csv.DictWriter(file, names, extrasaction="ignore")
+        writer.writeheader()
+        writer.writerows(dict.fromkeys(COLUMNS, 0.7) | {"step": 0, "number": 1} | row for row in rows)
+
+
+def dust_rings(radii, mass, count=2000):
+    """Dust on rings of Gaussian width 0.03: one population for each radius."""
+    rng = np.random.default_rng(11)
+    r = np.concatenate([radius + 0.03 * rng.standard_normal(count) for radius in radii])
+    phi = rng.uniform(0, 2 * np.pi, len(r))
+    pos, zero = np.stack([r * np.cos(phi), r * np.sin(phi)], axis=1), np.zeros((len(r), 2))
+    species = np.repeat(np.arange(len(radii)), count)
+    return Dust(
+        pos=pos, vel=zero, acc=zero, mass=np.full(len(r), mass / len(r)), ids=np.arange(len(r)), species=species
+    )
+
+
+@pytest.fixture
+def planet(tmp_path):
+    """A run whose gas within H of the orbit falls to 0.3, with rings of pebbles at 6.6 au and of sand at 7.8 au."""
+    run = tmp_path / "planet"
+    (run / "snapshots").mkdir(parents=True)
+    (run / "scene.toml").write_text(PLANET)
+    scene, pos = load_scene(run / "scene.toml"), even(40_000, 1.0, 7.0)
+    for k, kept in enumerate((1.0, 0.3)):
+        gas = gas_of(pos, 0.02)
+        gas.mass *= np.where(np.abs(np.hypot(*pos.T) - AXIS) < 0.6, kept, 1.0)
+        write_snapshot(run / "snapshots" / f"{k:04d}.h5", scene, 17.0 * k, gas, dust_rings((3.3, 3.9), 2e-4))
+    write_companions(run, [{"time": t, "x": 0.0, "y": AXIS, "mass": 6e-4, "semi_major_axis": AXIS} for t in (0, 17)])
+    return run
+
+
+def test_a_gap_in_physical_units(planet, tmp_path):
+    done = discsim("gap", planet, "-o", tmp_path / "out", "--last", "1.5")
+    assert done.exit_code == 0, done.output
+    table = lines_of(done.stdout)
+    assert table["quantity"] == ["unit", "gas", "dust 1 (3 mm)", "dust 2 (0.2 mm)"]
+    # 130 particles a ring: the minimum over 30 rings is below the mean by twice their scatter.
+    assert float(table["smallest Sigma / Sigma_0 in the gap"][0]) == pytest.approx(0.3, abs=0.03)
+    # q = 6e-4 / 1.6, the mass of the star in code units.
+    assert float(table["formula of Kanagawa et al. (2015)"][0]) == pytest.approx(
+        1 / (1 + 0.04 * (6e-4 / 1.6) ** 2 * 0.06**-5 / 0.004), rel=1e-3
+    )
+    unit, pebbles, sand = table["radius of the largest Sigma outside the orbit"]
+    assert unit == "au"  # rings of the profile are 0.9% of the radius apart
+    assert (float(pebbles), float(sand)) == pytest.approx((6.6, 7.8), rel=0.01)
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"planet-gap.csv", "planet-gap.png"}
+
+
+@pytest.mark.parametrize(
+    ("rows", "names", "message"),
+    [
+        ([], COLUMNS, "no rows of companions"),
+        ([{"time": 0.0}], ("planets", *COLUMNS[1:]), "no rows of companions"),
+        ([{"time": 0.0}, {"time": 1.0, "mass": "nan"}], COLUMNS, "companions.csv:3: mass is not finite"),
+        ([{"time": 0.0}, {"time": 0.0, "number": 2}], COLUMNS, "several companions; expected one"),
+        ([{"time": 0.0, "semi_major_axis": 40.0}], COLUMNS, "no gas at the orbit of the companion at the start"),
+    ],
+)
+@pytest.mark.parametrize("command", ["gap", "torque"])
+def test_a_damaged_table_of_companions_is_one_message(planet, tmp_path, monkeypatch, command, rows, names, message):
+    monkeypatch.chdir(tmp_path)
+    write_companions(planet, rows, names)
+    done = discsim(command, planet)
+    assert done.exit_code == 2 and done.stdout == ""
+    assert message in done.stderr and done.stderr.startswith(f"{command}: ") and done.stderr.count("\n") == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["planet"]
+
+
+def test_torque_has_a_line_for_each_quantity(planet):
+    """Rows at the same times as in an orbit of period 2 pi (2.6^3 / 1.6)^(1/2), with a torque that rises by orbits."""
+    period, q = 2 * np.pi * np.sqrt(AXIS**3 / 1.6), 6e-4 / 1.6
+    times = np.linspace(0.0, 6 * period, 601)
+    scene = load_scene(planet / "scene.toml")
+    sigma = scene.units.parse("90 g/cm2", "surface_density") * (AXIS / scene.initial.reference_radius) ** -1.0
+    unit = (q / 0.06) ** 2 * sigma * AXIS**4 * 1.6 / AXIS**3
+    orbits = np.minimum((times / period).astype(int), 5)
+    rows = [
+        {"time": t, "mass": 6e-4, "semi_major_axis": AXIS, "torque_gas": -unit * (1.9 + 0.01 * k)}
+        for t, k in zip(times, orbits, strict=True)
+    ]
+    write_companions(planet, rows)
+    done = discsim("torque", planet, planet, "--from", "3")
+    assert done.exit_code == 0, done.output
+    table = lines_of(done.stdout)
+    assert table["quantity"] == ["unit", "planet", "planet"] and table["whole orbits"] == ["3", "3"]
+    found = table["mean torque"]
+    # Orbits 3, 4 and 5 have -1.93, -1.94 and -1.95, but for their first row.
+    assert found[0] == "Gamma_0" and float(found[1]) == pytest.approx(-1.94, abs=2e-3)
+    assert float(table["error by orbits"][1]) == pytest.approx(0.01 / np.sqrt(3), rel=0.1)
+    assert table["error by probes"][1] == "-"
+
+
+def test_two_runs_have_one_line_for_each_quantity(tmp_path, monkeypatch):
+    """In code units; the same from the script, which also prints all times."""
+    monkeypatch.chdir(tmp_path)
+    kept = run_of(tmp_path / "kept", [even(3000, 1.0, 2.0)] * 3)
+    shrunk = run_of(tmp_path / "shrunk", [even(3000, 1.0, 2.0), even(3000, 0.9, 1.8), even(3000, 0.75, 1.5)])
+    done = discsim("oneway-twoway", kept, shrunk, "--within", "1.3,1.7")
+    assert done.exit_code == 0, done.output
+    table = lines_of(done.stdout)
+    assert table["quantity"] == ["unit", "start of kept", "kept", "shrunk", "shrunk / kept"]
+    assert table["r50"] == ["code units", "1.5", "1.5", "1.125", "0.75"]
+    within = table["M(<1.3)"]
+    # 0.3 (1.3 - 1) and 0.3 (1.3 - 0.75) / 0.75; the shares end between two of 3000 particles.
+    assert [float(value) for value in within[2:4]] == pytest.approx([0.09, 0.22], abs=2e-4)
+    quantities = ["r10", "r50", "r90", "M(<1.3)", "M(<1.7)", "peak at", "peak", "width", "contrast"]
+    rows = [name for name in table if not name.startswith(("Dust at", "─", "oneway_twoway"))]
+    assert rows == ["quantity", *quantities] and "oneway_twoway.csv" in done.stdout
+    made = (tmp_path / "oneway_twoway.csv").read_bytes()
+    done = discsim("oneway-twoway", kept, shrunk, "--within", "1.3,1.7", "--times", "-o", "again")
+    assert sum(line.split()[:1] in (["kept"], ["shrunk"]) for line in done.stdout.splitlines()) == 6
+    assert (tmp_path / "again/oneway_twoway.csv").read_bytes() == made
+
+
+def test_clumps_and_modes_in_time(tmp_path):
+    run = run_of(tmp_path / "a", [even(500, 1.0, 2.0)] * 3)
+    done = discsim("clumps", run, "--size", "0.07")
+    table = lines_of(done.stdout)
+    assert done.exit_code == 0 and table["amplitude"] == ["start", "end", "largest", "at time [code units]"]
+    assert {f"A{m} of the {kind}" for m in range(1, 7) for kind in ("gas", "dust")} <= set(table)
+    assert "0 clumps at 2 code units" in done.stdout and str(run / "clumps.csv") in done.stdout
+    in_time = discsim("clumps", run, "--size", "0.07", "--times").stdout
+    firsts = [line.split()[0] for line in in_time.splitlines() if len(line.split()) == 13]  # time and 12 modes
+    assert firsts == ["0", "1", "2"]
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["gap", "none"], "none: file not found; expected the directory of a run"),
+        (["torque", "none"], "companions.csv: file not found; expected the directory of a run with a companion"),
+        (["torque", "dusty"], "companions.csv: file not found"),
+        (["gap", "dusty"], "scene.toml"),
+        (["clumps", "none"], "none: file not found"),
+        (["clumps", "empty"], "empty: no snapshots found"),
+        (["clumps", "dusty", "--size", "9"], "--size 9: expected the radius of a clump, "),
+        (["clumps", "dusty", "--size", "1e-9"], "--size 1e-09: expected the radius of a clump, "),
+        (["stress", "empty"], "empty: no snapshots found"),
+        (["stress", "dusty"], "dusty: no self-gravitating gas in two dimensions"),
+        (["oneway-twoway", "dusty"], "dusty: only one run; expected two or more directories of runs to compare"),
+        (["oneway-twoway", "dusty", "none"], "none: file not found"),
+        (["oneway-twoway", "dusty", "gas"], "gas: no dust in two dimensions"),
+        (["oneway-twoway", "dusty", "dusty", "--smooth", "1e-9"], "--smooth 1e-09: expected at least"),
+        (["oneway-twoway", "dusty", "planet"], "the runs have different units"),
+    ],
+)
+def test_a_wrong_run_is_one_message_and_no_file(tmp_path, monkeypatch, planet, words, message):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "empty").mkdir()
+    run_of(tmp_path / "dusty", [even(100, 1.0, 2.0)] * 2)
+    (tmp_path / "gas/snapshots").mkdir(parents=True)
+    gas = {"units": {"system": "code"}, "run": {"until": 1.0}, "space": {"size": 8.0}, "star": {"mass": 1.0}}
+    gas |= {"initial": {"kind": "disc", "mass": 1.0, "inner": 1.0, "outer": 2.0}}
+    gas |= {"gas": {"particles": 500, "eos": {"kind": "isothermal", "sound_speed": 0.05}}}
+    write_snapshot(tmp_path / "gas/snapshots/0000.h5", load_scene(gas), 0.0, gas_of(even(100, 1.0, 2.0), 1.0), None)
+    before = set(tmp_path.rglob("*"))
+    done = discsim(*words)
+    assert done.exit_code == 2 and done.stdout == ""
+    assert message in done.stderr and done.stderr.count("\n") == 1 and "Traceback" not in done.stderr
+    assert set(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize("words", [["gap", "x", "--last", "0"], ["stress", "x", "--orbits", "nan"], ["torque"]])
+def test_a_wrong_option_has_the_usage_of_the_command(words):
+    done = discsim(*words)
+    assert done.exit_code == 2
+    assert done.stderr.startswith(f"usage: discsim analyse {words[0]} ")
+    assert f"discsim analyse {words[0]}: error: " in done.stderr
+
+
+def test_a_full_or_wrong_target_leaves_no_part_of_a_file(tmp_path):
+    run = run_of(tmp_path / "a", [even(500, 1.0, 2.0)] * 2)
+    (tmp_path / "oneway_twoway.csv").symlink_to(tmp_path / "elsewhere")
+    done = discsim("oneway-twoway", run, run, "-o", tmp_path)
+    assert done.exit_code == 1 and done.stderr.count("\n") == 1
+    assert "oneway_twoway.csv: cannot be read or written: is a symbolic link" in done.stderr
+    assert {path.name for path in tmp_path.iterdir()} == {"a", "oneway_twoway.csv"}
+
+
+@pytest.mark.parametrize("name", SCRIPTS)
+def test_each_script_has_a_help_and_needs_no_other_script(name):
+    """So that a copy runs, and the one in a wheel."""
+    script, _ = SCRIPTS[name]
+    done = discsim(name, "--help")
+    assert done.exit_code == 0 and done.stdout.startswith(f"usage: discsim analyse {name} ")
+    assert f"discsim analyse {name} DIR" in done.stdout and f"python analysis/{script}.py" in done.stdout
+    nodes = [*ast.walk(ast.parse((ROOT / f"analysis/{script}.py").read_text()))]
+    modules = {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
+    modules |= {node.module for node in nodes if isinstance(node, ast.ImportFrom)}
+    outside = {module.split(".")[0] for module in modules} - set(sys.stdlib_module_names)
+    assert outside <= {"discsim", "numpy", "scipy", "matplotlib"}
+    assert import_module(script).__file__ == str(ROOT / f"analysis/{script}.py")
+
+
+def test_a_wheel_has_the_scripts_of_the_commands():
+    included = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["hatch"]["build"]["targets"]["wheel"]
+    scripts = {f"analysis/{script}.py" for script, _ in SCRIPTS.values()}
+    included = {path: to for path, to in included["force-include"].items() if path.startswith("analysis")}
+    assert included == {path: f"discsim/{path}" for path in scripts}
