@@ -16,7 +16,6 @@ in code units.
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -24,7 +23,7 @@ from pathlib import Path
 import numpy as np
 from scipy.ndimage import maximum_filter
 
-from discsim.output.results import display_unit, positive_number, print_fault, print_table, write_table
+from discsim.output.results import display_unit, positive_number, print_fault, print_table, script_parser, write_table
 from discsim.output.snapshot import Snapshot, SnapshotParticles, read_snapshot, snapshot_files
 from discsim.printable import UserError
 
@@ -159,7 +158,7 @@ def show_clumps(last: Snapshot, found: list[dict[str, float]]) -> None:
 
 def main(arguments: list[str] | None = None, prog: str | None = None) -> int:
     """Run the command line, and return the exit status."""
-    parser = argparse.ArgumentParser(prog, description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = script_parser(__doc__, prog, __file__)
     parser.add_argument("directory", type=Path, metavar="DIR", help="directory of a run")
     parser.add_argument("-o", "--output", type=Path, metavar="OUT", help="directory of clumps.csv (default DIR)")
     parser.add_argument(

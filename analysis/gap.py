@@ -22,7 +22,6 @@ the same disc without a companion, which spreads at its edges as the disc in DIR
 
 from __future__ import annotations
 
-import argparse
 import sys
 from dataclasses import replace
 from functools import partial
@@ -37,7 +36,7 @@ from discsim import load_scene
 from discsim.output.companions import read_companions
 from discsim.output.drawing import figure_text
 from discsim.output.populations import populations_of
-from discsim.output.results import display_unit, positive_number, print_fault, print_table, write_table
+from discsim.output.results import display_unit, positive_number, print_fault, print_table, script_parser, write_table
 from discsim.output.snapshot import Snapshot, read_snapshot, snapshot_files
 from discsim.physics.centre import kepler_omega
 from discsim.physics.companions import scale_height
@@ -314,7 +313,7 @@ def show(gap: Gap, name: str) -> None:
 
 def main(arguments: list[str] | None = None, prog: str | None = None) -> int:
     """Run the command line, and return the exit status."""
-    parser = argparse.ArgumentParser(prog, description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = script_parser(__doc__, prog, __file__)
     parser.add_argument("directory", type=Path, metavar="DIR", help="directory of a run")
     parser.add_argument("-o", "--output", type=Path, default=Path(), metavar="OUT", help="directory of the files")
     parser.add_argument(

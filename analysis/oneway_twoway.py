@@ -20,7 +20,6 @@ units. If their times differ, the first run is followed to the end of the shorte
 
 from __future__ import annotations
 
-import argparse
 import sys
 from functools import partial
 from pathlib import Path
@@ -34,7 +33,15 @@ from scipy.signal import peak_prominences, peak_widths
 from discsim.output.bins import density_range
 from discsim.output.drawing import figure_text
 from discsim.output.populations import populations_of
-from discsim.output.results import CODE_UNITS, display_unit, positive_number, print_fault, print_table, write_table
+from discsim.output.results import (
+    CODE_UNITS,
+    display_unit,
+    positive_number,
+    print_fault,
+    print_table,
+    script_parser,
+    write_table,
+)
 from discsim.output.snapshot import Snapshot, read_snapshot, snapshot_files
 from discsim.plot.request import save
 from discsim.printable import UserError
@@ -221,7 +228,7 @@ def lengths(text: str) -> list[float]:
 
 def main(arguments: list[str] | None = None, prog: str | None = None) -> int:
     """Run the command line, and return the exit status."""
-    parser = argparse.ArgumentParser(prog, description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = script_parser(__doc__, prog, __file__)
     parser.add_argument("runs", type=Path, nargs="+", metavar="DIR", help="directories of two or more runs")
     parser.add_argument(
         "-o", "--output", type=Path, default=Path(), metavar="OUT", help="directory of the files (default: the present)"

@@ -21,7 +21,6 @@ for each snapshot. It writes stress.csv (by radius and time, in code units) and 
 
 from __future__ import annotations
 
-import argparse
 import sys
 from functools import partial
 from pathlib import Path
@@ -31,7 +30,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from discsim import Simulation
-from discsim.output.results import display_unit, positive_number, print_fault, print_table, write_table
+from discsim.output.results import display_unit, positive_number, print_fault, print_table, script_parser, write_table
 from discsim.output.snapshot import Snapshot, read_snapshot, snapshot_files
 from discsim.physics.centre import kepler_omega
 from discsim.physics.cooling import target_energy
@@ -204,7 +203,7 @@ def show_times(last: Snapshot, found: list[Rings], edges: np.ndarray) -> None:
 
 def main(arguments: list[str] | None = None, prog: str | None = None) -> int:
     """Run the command line, and return the exit status."""
-    parser = argparse.ArgumentParser(prog, description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = script_parser(__doc__, prog, __file__)
     parser.add_argument("directory", type=Path, metavar="DIR", help="directory of a run")
     parser.add_argument("-o", "--output", type=Path, metavar="OUT", help="directory of the files (default DIR)")
     parser.add_argument("--inner", type=positive_number, metavar="R", help="inner radius in code units")

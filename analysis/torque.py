@@ -31,7 +31,7 @@ import numpy as np
 
 from discsim import load_scene
 from discsim.output.companions import read_companions
-from discsim.output.results import print_fault, print_table
+from discsim.output.results import print_fault, print_table, script_parser
 from discsim.parts import STARTS
 from discsim.physics import profile
 from discsim.physics.centre import kepler_omega
@@ -162,7 +162,7 @@ def show(names: list[str], particles: list[int], found: list[Torque], start: flo
 
 def main(arguments: list[str] | None = None, prog: str | None = None) -> int:
     """Run the command line, and return the exit status."""
-    parser = argparse.ArgumentParser(prog, description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = script_parser(__doc__, prog, __file__)
     parser.add_argument("directories", type=Path, nargs="+", metavar="DIR", help="directories of runs")
     parser.add_argument(
         "--from", dest="start", type=orbit_number, default=2.0, metavar="ORBITS", help="orbits left out (default 2)"

@@ -71,6 +71,12 @@ def print_fault(script: str, fault: UserError | OSError) -> int:
     return 2 if isinstance(fault, UserError) else 1
 
 
+def script_parser(text: str | None, prog: str | None, file: str) -> argparse.ArgumentParser:
+    """Return the parser of a script's command line. `text` describes the script in its help, `file` is its path."""
+    raw = argparse.RawDescriptionHelpFormatter
+    return argparse.ArgumentParser(prog, None, text, f"The script, to copy and change: {file}", formatter_class=raw)
+
+
 def positive_number(text: str) -> float:
     """Return the positive number in a text, as a type of argparse. Raises ArgumentTypeError."""
     try:
