@@ -2,6 +2,7 @@
 
 import ast
 import csv
+import shutil
 import sys
 import tomllib
 from importlib import import_module
@@ -78,10 +79,10 @@ def dust_rings(radii, mass, count=2000):
     )
 
 
-@pytest.fixture
-def planet(tmp_path):
-    """A run whose gas within H of the orbit falls to 0.3, with rings of pebbles at 6.6 au and of sand at 7.8 au."""
-    run = tmp_path / "planet"
+@pytest.fixture(scope="module")
+def snapshots(tmp_path_factory):
+    """Snapshots whose gas within 1.2 au of the orbit falls to 0.3, with rings of dust at 6.6 au and at 7.8 au."""
+    run = tmp_path_factory.mktemp("made") / "planet"
     (run / "snapshots").mkdir(parents=True)
     (run / "scene.toml").write_text(PLANET)
     scene, pos = load_scene(run / "scene.toml"), even(40_000, 1.0, 7.0)
@@ -89,6 +90,14 @@ def planet(tmp_path):
         gas = gas_of(pos, 0.02)
         gas.mass *= np.where(np.abs(np.hypot(*pos.T) - AXIS) < 0.6, kept, 1.0)
         write_snapshot(run / "snapshots" / f"{k:04d}.h5", scene, 17.0 * k, gas, dust_rings((3.3, 3.9), 2e-4))
+    return run
+
+
+@pytest.fixture
+def planet(snapshots, tmp_path):
+    """A run with these snapshots, and a planet on a circular orbit of 5.2 au."""
+    run = tmp_path / "planet"
+    shutil.copytree(snapshots, run)
     write_companions(run, [{"time": t, "x": 0.0, "y": AXIS, "mass": 6e-4, "semi_major_axis": AXIS} for t in (0, 17)])
     return run
 
@@ -174,6 +183,19 @@ def test_two_runs_have_one_line_for_each_quantity(tmp_path, monkeypatch):
     done = discsim("oneway-twoway", kept, shrunk, "--within", "1.3,1.7", "--times", "-o", "again")
     assert sum(line.split()[:1] in (["kept"], ["shrunk"]) for line in done.stdout.splitlines()) == 6
     assert (tmp_path / "again/oneway_twoway.csv").read_bytes() == made
+
+
+def test_dust_of_several_populations_in_physical_units(planet, tmp_path):
+    done = discsim("oneway-twoway", planet, planet, "-o", tmp_path / "out", "--within", "7.2")
+    assert done.exit_code == 0, done.output
+    table = lines_of(done.stdout)
+    assert any(line.endswith(", all 2 populations together") for line in table)
+    # Quantiles 0.1 and 0.9 of all dust are those of 0.2 and 0.8 of a ring: 0.84 standard deviations of 0.06 au.
+    assert table["r10"][0] == "au" and float(table["r10"][1]) == pytest.approx(6.6 - 0.05, abs=0.01)
+    assert float(table["r90"][1]) == pytest.approx(7.8 + 0.05, abs=0.01)
+    # Half of 2e-4 code masses of half a solar mass, 332,946 Earth masses.
+    assert table["M(<7.2 au)"][0] == "Mearth"
+    assert float(table["M(<7.2 au)"][1]) == pytest.approx(0.5 * 2e-4 * 0.5 * 332_946, rel=1e-3)
 
 
 def test_clumps_and_modes_in_time(tmp_path):
