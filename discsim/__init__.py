@@ -1,7 +1,7 @@
 """discsim: 2D circumstellar discs of SPH gas and particle-in-cell dust.
 
 The public names are `Simulation`, `load_scene`, `read_snapshot`, `register`, `Snapshot`, `SceneError`, `SnapshotError`
-and the module `plot`. Each is imported at its first use.
+and the modules `export` and `plot`. Each is imported at its first use.
 """
 
 from importlib import import_module
@@ -9,10 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 from discsim.version import __version__ as __version__
 
-__all__ = ["SceneError", "Simulation", "Snapshot", "SnapshotError", "load_scene", "plot", "read_snapshot", "register"]
+__all__ = [
+    "SceneError", "Simulation", "Snapshot", "SnapshotError", "export", "load_scene", "plot", "read_snapshot",
+    "register",
+]  # fmt: skip
 
 if TYPE_CHECKING:
-    from discsim import plot
+    from discsim import export, plot
     from discsim.effects.registration import register
     from discsim.output.snapshot import Snapshot, SnapshotError, read_snapshot
     from discsim.run.simulation import Simulation
@@ -33,8 +36,8 @@ def __getattr__(name: str) -> Any:
     # Import at first use, so that `discsim --help` and `discsim check` do not import numba.
     if name in _MODULE_OF_NAME:
         return getattr(import_module(_MODULE_OF_NAME[name]), name)
-    if name == "plot":
-        return import_module("discsim.plot")
+    if name in ("export", "plot"):
+        return import_module(f"discsim.{name}")
     raise AttributeError(f"module 'discsim' has no attribute {name!r}")
 
 

@@ -15,8 +15,8 @@ HOME = Path(discsim.__file__).parent
 # From the ground up: each imports itself and what stands before it.
 FLOORS = (
     "version", "printable", "userfiles", "parts", "formulas", "jit", "kernels", "exact", "scene", "numerics", "physics",
-    "drag", "initial", "effects", "output", "plot", "sky", "preview", "run", "study", "report", "shipped", "launch",
-    "ranks", "cli",
+    "drag", "initial", "effects", "output", "plot", "sky", "export", "preview", "run", "study", "report", "shipped",
+    "launch", "ranks", "cli",
 )  # fmt: skip
 # Modules in the largest circle of imports, with those for type checkers: a `Draft` has the type of its start and a
 # `Scene` that of its gas model, and starts, physics and numerics take a `Scene`.

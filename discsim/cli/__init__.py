@@ -12,9 +12,9 @@ from discsim.cli.base import NOT_WRITTEN, app, fail
 from discsim.userfiles import system_message
 
 # isort: off
-from discsim.cli import runs, scenes, costs, results, sky, analyse  # the help lists the commands in this order
+from discsim.cli import runs, scenes, costs, results, sky, exports, analyse  # the help lists the commands in this order
 
-__all__ = ["analyse", "app", "costs", "main", "results", "runs", "scenes", "sky"]
+__all__ = ["analyse", "app", "costs", "exports", "main", "results", "runs", "scenes", "sky"]
 
 
 def main() -> None:

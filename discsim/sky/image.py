@@ -246,7 +246,7 @@ def image_of(snap: Snapshot, options: ImageOptions) -> SkyMap:
         raise PlotError(
             f'{prefix}quantity: "{clipped(str(options.quantity))}"; expected one of {", ".join(QUANTITIES)}'
         )
-    _check_snapshot(snap)
+    check_snapshot(snap)
     snap = snap.about_centre()
     empty, sky, kernel = _empty_map(snap, options)
     rms = beams.noise_of(options.noise, prefix)
@@ -317,8 +317,8 @@ def _seed(options: ImageOptions) -> int:
     return int(options.seed)
 
 
-def _check_snapshot(snap: Snapshot) -> None:
-    """Raise PlotError for a snapshot that has no image on the sky."""
+def check_snapshot(snap: Snapshot) -> None:
+    """Raise PlotError for a snapshot that cannot be shown on the sky, and has no lengths in au or no centre."""
     if snap.dimensions != 2:
         raise PlotError("a run in one dimension has no image on the sky; expected a disc in two dimensions")
     if snap.units.system == "code":
