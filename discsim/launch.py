@@ -29,8 +29,8 @@ def size_and_rank() -> tuple[int, int]:
             if not all(text.isdecimal() for text in texts) or int(texts[1]) >= int(texts[0]):
                 given = " and ".join(f'{name}="{text}"' for name, text in zip(names, texts, strict=True))
                 raise LaunchError(
-                    f"{given} in the environment: no MPI launcher sets these; the rank has to be below the number of "
-                    "processes. Start the run with mpiexec, or unset both variables"
+                    f"{given} in the environment: no MPI launcher sets these values, as a rank is below the number of "
+                    "processes; start the run with mpiexec, or unset the two variables"
                 )
             return int(texts[0]), int(texts[1])
     return 1, 0

@@ -48,8 +48,9 @@ class Registry(Mapping[str, Any]):
         for point in package_entry_points().select(group=self.group):
             if found.get(point.name, point.value) != point.value:
                 raise PartError(
-                    f'{self.group}: "{point.name}" is {found[point.name]}, and also {point.value} of another package; '
-                    "expected different names: rename one of them, or uninstall that package"
+                    f'{self.group}: the name "{point.name}" belongs to {found[point.name]}, and to '
+                    f"{point.value} of another package; "
+                    f"rename {point.value}, or uninstall its package"
                 )
             found[point.name] = point.value
         return found | {name: f"{part.__module__}:{part.__qualname__}" for name, part in self.added.items()}
@@ -75,12 +76,12 @@ class Registry(Mapping[str, Any]):
             wrong = f"{type(error).__name__}: {error}"
             raise PartError(
                 f'{self.group}: "{name}" of another package cannot be imported from {location}: {wrong}; '
-                "repair or uninstall that package"
+                "repair or uninstall the package"
             ) from error
         if missing := [attribute for attribute in self._required if not hasattr(found, attribute)]:
             raise PartError(
                 f'{self.group}: "{name}" of another package, {location}, has no {missing[0]}; '
-                "expected an object as in the recipes: repair or uninstall that package"
+                "repair the package as in docs/recipes, or uninstall the package"
             )
         return found
 

@@ -103,9 +103,9 @@ def scene_file(given: Path) -> Path:
     if bare and given.name in known:
         return known[given.name].path
     if not os.path.lexists(given):
-        expected = "file not found; expected a scene file (TOML)"
+        expected = "file not found; give a scene file (TOML)"
         if given.stem in known:
-            raise ShippedError(f"{given}: {expected}; to use the setup of this name, give: {given.stem}")
+            raise ShippedError(f"{given}: {expected}; for the setup of this name give: {given.stem}")
         if bare:
             raise ShippedError(f"{given}: {expected}, or the name of a setup{_nearest_hint(given.name, known)}")
     return given  # if it is no readable file, loading the scene gives the message
@@ -120,7 +120,7 @@ def copy_setup(name: str, path: Path) -> None:
     try:
         file = path.open("xb")
     except FileExistsError:
-        raise ShippedError(f"{path}: already exists; expected the name of a new file") from None
+        raise ShippedError(f"{path}: already exists; give the name of a new file") from None
     try:
         with file:
             file.write(content)

@@ -95,7 +95,7 @@ def system_message(fault: OSError, verb: str, path: Path | str) -> str:
         One line without a full stop at the end.
     """
     if fault.errno in TOO_MANY_OPEN:
-        return "too many open files in this process; expected a higher limit, for example: ulimit -n 1024"
+        return "too many open files in this process; raise the limit, for example: ulimit -n 1024"
     reason = (fault.strerror or str(fault)).partition("\n")[0]
     return f"{fault.filename or path}: cannot be {verb}: {reason}"
 

@@ -84,7 +84,7 @@ def test_bad_scene(tmp_path, calls, command, old, new, line, words):
 def test_drag_without_dust(tmp_path, calls):
     path = write(tmp_path, DISC)
     assert refused(calls, "run", path, "--without", "dust") == (
-        f"{path}:31: drag: drag needs dust; expected a table [dust], or no [drag]"
+        f"{path}:31: drag: drag needs dust; add a table [dust], or remove [drag]"
     )
 
 
@@ -121,10 +121,10 @@ def test_wrong_command_line(tmp_path, calls, arguments, words):
     [
         (
             "scene.toml",
-            ", without a checkpoint; expected another directory, or --resume, which restarts it from the beginning",
+            ", without a checkpoint; choose another directory, or add --resume to restart the run from the beginning",
         ),
-        ("checkpoint.h5", "; expected another directory, or --resume"),
-        ("snapshots", "; expected another directory"),  # --resume would find nothing there
+        ("checkpoint.h5", "; choose another directory, or --resume"),
+        ("snapshots", "; choose another directory"),  # --resume would find nothing there
     ],
 )
 def test_directory_that_holds_a_run(tmp_path, calls, left, way_on):

@@ -101,7 +101,7 @@ def test_a_copy_replaces_nothing(work):
     (work / "folder").mkdir()
     (work / "link.toml").symlink_to(work / "nowhere")
     for name in ("my.toml", "folder", "link.toml"):
-        assert refused("new", "disc", name) == f"{name}: already exists; expected the name of a new file"
+        assert refused("new", "disc", name) == f"{name}: already exists; give the name of a new file"
     assert (work / "my.toml").read_text() == "mine"
 
 
@@ -148,11 +148,11 @@ def test_a_file_always_wins(work, loaded):
 
 @pytest.mark.parametrize("verb", ["run", "check"])
 def test_a_scene_that_is_not_there(verb, work):
-    expected = "file not found; expected a scene file (TOML)"
+    expected = "file not found; give a scene file (TOML)"
     assert refused(verb, "dusty_bix") == f'dusty_bix: {expected}, or the name of a setup; did you mean "dusty_box"?'
     assert refused(verb, "xyz") == f"xyz: {expected}, or the name of a setup; `discsim setups` lists them"
     of_clone = refused(verb, "setups/dusty_box.toml")
-    assert of_clone == f"setups/dusty_box.toml: {expected}; to use the setup of this name, give: dusty_box"
+    assert of_clone == f"setups/dusty_box.toml: {expected}; for the setup of this name give: dusty_box"
     assert refused(verb, "no.toml") == f"no.toml: {expected}"
     assert "expected a scene" in refused(verb, "x" * 300)
     (work / "folder").mkdir()

@@ -95,4 +95,6 @@ def test_nothing_is_shown_of_a_file_that_is_no_table(tmp_path):
 
 @pytest.mark.parametrize("name", ["~no-such-user-of-this-machine/a.txt", "a\0b", "x" * 5000])
 def test_a_name_that_no_file_can_have(tmp_path, name):
-    assert "expected a readable file; its path is relative to the scene file" in problem_of(name, tmp_path)
+    assert "expected the path of a readable file, relative to the folder of the scene file" in problem_of(
+        name, tmp_path
+    )

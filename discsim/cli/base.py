@@ -97,8 +97,10 @@ SceneArgument = Annotated[
 SetOption = Annotated[
     list[str] | None, typer.Option("--set", metavar="TABLE.KEY=VALUE", help="Change one value of the scene.")
 ]
-WithoutOption = Annotated[list[str] | None, typer.Option(metavar="TABLE", help="Remove an effect from the scene.")]
-UntilOption = Annotated[str | None, typer.Option(metavar="T", help='End time, as in run.until: "100 yr".')]
+WithoutOption = Annotated[
+    list[str] | None, typer.Option(metavar="TABLE", help="Table of an effect to remove from the scene.")
+]
+UntilOption = Annotated[str | None, typer.Option(metavar="T", help='End time in place of run.until, like "100 yr".')]
 QuietOption = Annotated[bool, typer.Option("--quiet", help="Do not show progress.")]
 VaryOption = Annotated[
     list[str] | None,

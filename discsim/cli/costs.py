@@ -18,7 +18,8 @@ ERROR_NOT_REACHED = 4
 ReferenceOption = Annotated[
     list[str] | None,
     typer.Option(
-        metavar="TABLE.KEY=VALUE", help="Setting of the reference run, if there is no exact solution [2 x particles]."
+        metavar="TABLE.KEY=VALUE",
+        help="Key and value of the reference run, for scenes without an exact solution [2 x particles].",
     ),
 ]
 
@@ -29,7 +30,7 @@ def cost(
     error: Annotated[
         str | None,
         typer.Option(
-            metavar="E", help='Find the cheapest setting with this error: "1%", or "scene" for that of the scene.'
+            metavar="E", help='Find the cheapest setting with this error: "1%", or "scene" for the error of the scene.'
         ),
     ] = None,
     vary: VaryOption = None,
@@ -46,11 +47,9 @@ def cost(
         list[str] | None, typer.Option(metavar="TABLE.KEY", help="Key that a search does not change.")
     ] = None,
     repeat: Annotated[
-        int | None, typer.Option(min=1, help="Runs per setting [1]; per finalist of a search [3].")
+        int | None, typer.Option(min=1, help="Number of runs of each setting [1], or of each finalist of a search [3].")
     ] = None,
-    parallel: Annotated[
-        int, typer.Option(min=1, help="Number of simultaneous runs; with more than one, each is slower.")
-    ] = 1,
+    parallel: Annotated[int, typer.Option(min=1, help="Number of simultaneous runs, which slow each other down.")] = 1,
     settings: SetOption = None,
     without: WithoutOption = None,
 ) -> None:
@@ -90,7 +89,7 @@ def cost(
 def _refuse_search_options(vary: list[str] | None, given: Mapping[str, object]) -> None:
     """Exit with a message if the command has no --vary, or options `given` that only a search uses."""
     if not vary:
-        fail("nothing to do; give --error 1% for the cheapest setting, or --vary with values of a key")
+        fail("nothing to do; add --error 1% to find the cheapest setting, or --vary with values of a key")
     for name, value in given.items():
         if value:
-            fail(f"{name}: used only with --error; add --error, or leave out {name}")
+            fail(f"{name}: used only with --error; add --error, or remove {name}")

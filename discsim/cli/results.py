@@ -13,13 +13,18 @@ import typer
 from discsim.cli.base import app, exit_on_fault, fail, show
 
 WindowOption = Annotated[
-    str | None, typer.Option(metavar="R", help='Region to show: "50 au", "10 au,50 au" in radius, "X,Y,R" on a map.')
+    str | None,
+    typer.Option(
+        metavar="R",
+        help='Region to show: outer radius "50 au"; radii "10 au,50 au"; on a map centre and half width "X,Y,R".',
+    ),
 ]
 DistanceOption = Annotated[
-    str | None, typer.Option(metavar="D", help='Distance of the disc, for angles in arcsec and fluxes, like "140 pc".')
+    str | None,
+    typer.Option(metavar="D", help='Distance of the disc, like "140 pc"; axes are then in arcsec, fluxes in mJy.'),
 ]
 WavelengthOption = Annotated[
-    str | None, typer.Option(metavar="L", help="Wavelength for emission and optical_depth [1.3 mm].")
+    str | None, typer.Option(metavar="L", help="Wavelength of the fields emission and optical_depth [1.3 mm].")
 ]
 OpacityOption = Annotated[
     str | None, typer.Option(metavar="K", help='Opacity per gram of dust, like "2 cm2/g" [10 cm2/g (nu / THz)].')
@@ -52,21 +57,28 @@ def plot(
     ] = None,
     fields: Annotated[bool, typer.Option("--fields", help="List the fields with units and equations.")] = False,
     profile: Annotated[bool, typer.Option("--profile", help="Draw radial profiles instead of maps.")] = False,
-    polar: Annotated[bool, typer.Option("--polar", help="Draw in angle and radius.")] = False,
-    time: Annotated[bool, typer.Option("--time", help="Draw in radius and time, from all snapshots.")] = False,
+    polar: Annotated[bool, typer.Option("--polar", help="Draw maps in angle and radius.")] = False,
+    time: Annotated[bool, typer.Option("--time", help="Draw maps in radius and time, from all snapshots.")] = False,
     against: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="Draw particles in the plane of this field, like radius, and --field."),
+        typer.Option(
+            metavar="NAME", help="Draw particles: this field, like radius, along x, the field of --field along y."
+        ),
     ] = None,
     at: Annotated[
         list[str] | None,
-        typer.Option(metavar="T", help='Time of the snapshot, like "700 yr"; the nearest is drawn [the last].'),
+        typer.Option(
+            metavar="T", help='Time of the snapshot, like "700 yr"; the nearest snapshot is drawn [the last].'
+        ),
     ] = None,
     compare: Annotated[
-        Path | None, typer.Option(metavar="DIR|FILE", help="Draw ratio or difference of this run to the first.")
+        Path | None,
+        typer.Option(metavar="DIR|FILE", help="Run to compare with the first run: draw the ratio or difference."),
     ] = None,
     window: WindowOption = None,
-    limits: Annotated[str | None, typer.Option("--range", metavar="LOW,HIGH", help="Range of colours or axis.")] = None,
+    limits: Annotated[
+        str | None, typer.Option("--range", metavar="LOW,HIGH", help="Range of the colour bar or axis.")
+    ] = None,
     distance: DistanceOption = None,
     wavelength: WavelengthOption = None,
     opacity: OpacityOption = None,
@@ -83,9 +95,9 @@ def plot(
     kinds = {"--profile": profile, "--polar": polar, "--time": time, "--against": against is not None}
     given = [name for name, there in kinds.items() if there]
     if not sources:
-        fail("no run to draw; expected DIR or FILE")
+        fail("no run to draw; give the directory of a run, or a snapshot")
     if len(given) > 1:
-        fail(f"{' and '.join(given)}: expected only one of them")
+        fail(f"{' and '.join(given)} cannot be combined; keep one of these options")
     from discsim.output.fields.display import display_options
     from discsim.plot.request import Request, default_path, save
 
@@ -109,10 +121,10 @@ def plot(
 def movie(
     source: Annotated[Path, typer.Argument(metavar="DIR", help="Directory of a run.")],
     field: Annotated[str | None, typer.Option(metavar="NAME,...", help="Fields [surface_density].")] = None,
-    polar: Annotated[bool, typer.Option("--polar", help="Draw in angle and radius.")] = False,
+    polar: Annotated[bool, typer.Option("--polar", help="Draw maps in angle and radius.")] = False,
     rate: Annotated[float, typer.Option(min=0.1, max=100.0, help="Snapshots per second.")] = 10.0,
     window: WindowOption = None,
-    limits: Annotated[str | None, typer.Option("--range", metavar="LOW,HIGH", help="Range of colours.")] = None,
+    limits: Annotated[str | None, typer.Option("--range", metavar="LOW,HIGH", help="Range of the colour bar.")] = None,
     distance: DistanceOption = None,
     wavelength: WavelengthOption = None,
     opacity: OpacityOption = None,

@@ -68,7 +68,7 @@ def _run_on_mpi(scene: Scene, directory: Path, resume: bool, quiet: bool) -> int
     try:
         import mpi4py  # noqa: F401
     except ImportError:
-        fail(f"started as several MPI ranks, but mpi4py is not installed; expected {install_command('mpi')}")
+        fail(f"started as several MPI ranks, but mpi4py is not installed; run: {install_command('mpi')}")
     from discsim.ranks.run import run_on_ranks
 
     return run_on_ranks(scene, directory, resume, quiet)
@@ -126,7 +126,7 @@ def sweep(
     """Run a scene with every combination of some values. A table and a figure compare the results."""
     loaded = load(scene, settings or (), without or ())
     if not vary:
-        fail("nothing to vary; expected --vary with values of a key, like --vary dust.ratio=0.01,0.1")
+        fail("nothing to vary; add --vary with values of a key, like --vary dust.ratio=0.01,0.1")
     from rich.console import Console
 
     from discsim.study.points import Varied

@@ -57,13 +57,13 @@ def _wide_cells(scene: Scene, at: GasSamples) -> Iterator[str]:
         error = f"{off:.1g}" if off < 1.0 else "more than 1"
         narrower = widths[worst] / WIDE
         if drag.cell is not None or drag.cell_length is not None:
-            cure = "leave out drag.cell"
+            cure = "remove drag.cell"
         elif at.cell is not None and at.cell > at.h[worst]:
             cure = f"raise space.cells by a factor of {narrower:.3g}"
         else:
             cure = f"raise gas.particles by a factor of {narrower**2:.3g}"
         yield (
-            f"drag cells are {widths[worst]:.2g} H wide {at.where(worst)}, above {WIDE:g}: the drift of small grains "
+            f"drag cells are {widths[worst]:.2g} H wide {at.where(worst)}, above {WIDE:g} H: the drift of small grains "
             f"there has a relative error of {error}: {cure}"
         )
 

@@ -51,10 +51,10 @@ def _law_problems(draft: Draft) -> Iterator[Problem]:
     given += [key for key in STEP_KEYS if getattr(keys, key) is not None][:1]
     if len(given) != 1:
         wrong = f"{' and '.join(given)} are both given" if given else "no viscosity is given"
-        words = "expected exactly one of alpha, nu, or inner_alpha and outer_alpha with radius and width"
+        words = "give either alpha, or nu, or the four keys inner_alpha, outer_alpha, radius and width"
         yield (*TABLE, *given[-1:]), f"{wrong}; {words}"
     if keys.index != 0.0 and keys.alpha is None:
-        yield (*TABLE, "index"), "index is used only with alpha; expected alpha, or no index"
+        yield (*TABLE, "index"), "index is used only with alpha; add the key alpha, or remove index"
 
 
 def _key_group_problems(draft: Draft) -> Iterator[Problem]:
@@ -62,18 +62,21 @@ def _key_group_problems(draft: Draft) -> Iterator[Problem]:
     keys = draft.alpha_viscosity
     if keys.step == "logarithmic":
         if None in (keys.inner_alpha, keys.outer_alpha):
-            yield (*TABLE, "step"), "step is used only with inner_alpha and outer_alpha; expected both, or no step"
+            yield (
+                (*TABLE, "step"),
+                "step is used only with inner_alpha and outer_alpha; add the two keys, or remove step",
+            )
         for key in ("inner_alpha", "outer_alpha"):
             if getattr(keys, key) == 0.0:
-                yield (*TABLE, key), '0 has no logarithm; expected more than 0, or step = "linear"'
+                yield (*TABLE, key), '0 has no logarithm; choose a value above 0, or step = "linear"'
     for group in (STEP_KEYS, DEAD_ZONE_KEYS):
         there = [key for key in group if getattr(keys, key) is not None]
         for key in group if there else ():
             if key not in there:
-                yield (*TABLE, key), f"missing, but needed with {' and '.join(there)}; expected this key too"
+                yield (*TABLE, key), f"missing, but needed with {' and '.join(there)}; add this key"
     if keys.nu is not None and keys.dead_alpha is not None:
         wrong = "nu is uniform, so there is no dead zone"
-        yield (*TABLE, "dead_alpha"), f"{wrong}; expected alpha instead of nu, or no dead_* keys"
+        yield (*TABLE, "dead_alpha"), f"{wrong}; replace nu by alpha, or remove the dead_* keys"
     if None not in (keys.dead_inner, keys.dead_outer) and keys.dead_outer <= keys.dead_inner:
         yield (*TABLE, "dead_outer"), "dead_outer is not larger than dead_inner; expected dead_outer > dead_inner"
 
@@ -82,19 +85,19 @@ def _reference_radius_problems(draft: Draft) -> Iterator[Problem]:
     """Yield a problem if alpha is a power of r and the start has no reference radius."""
     keys, start = draft.alpha_viscosity, draft.initial
     if keys.index != 0.0 and start is not None and not hasattr(start, "reference_radius"):
-        yield (*TABLE, "index"), f'initial.kind = "{draft.kind}" has no reference_radius; expected no index'
+        yield (*TABLE, "index"), f'initial.kind = "{draft.kind}" has no reference_radius; remove index'
 
 
 def _flow_problems(draft: Draft) -> Iterator[Problem]:
     """Yield problems of a scene in 1D, without gas, or without a star that alpha refers to."""
     if draft.dimensions == 1:
         wrong = "alpha viscosity needs shear, and 1D flow has none"
-        yield TABLE, f"{wrong}; expected space.dimensions = 2, or [gas.viscosity]"
+        yield TABLE, f"{wrong}; set space.dimensions = 2, or replace this table by [gas.viscosity]"
     elif not draft.has("gas") and not draft.has("background"):
         wrong = "viscosity needs gas, but there is no [gas] or [background]"
-        yield TABLE, f"{wrong}; expected one of these tables"
+        yield TABLE, f"{wrong}; add a table [gas] or [background]"
     if not draft.has("star") and draft.alpha_viscosity.nu is None:
-        yield TABLE, "H = c_s / Omega needs a star; expected a table [star], or nu instead of alpha"
+        yield TABLE, "H = c_s / Omega needs a star; add a table [star], or replace alpha by nu"
 
 
 class Effect(base.Effect):
@@ -148,7 +151,7 @@ def _rows(scene: Scene, at: base.GasSamples) -> Iterator[tuple[str, str]]:
     yield "alpha of the scene", _joined(asked)
     if scene.gas:
         yield "alpha of artificial viscosity", _joined(artificial)
-        yield "alpha of particle noise, about", _joined(noise)
+        yield "estimated alpha of particle noise", _joined(noise)
 
 
 def _warnings(scene: Scene, at: base.GasSamples) -> Iterator[str]:
@@ -169,7 +172,7 @@ def _warnings(scene: Scene, at: base.GasSamples) -> Iterator[str]:
             remedy = "set gas.quiet = true, or "
         yield (
             f"artificial viscosity and noise have {name} = {numerical[worst]:.2g} {at.where(worst)}, more than "
-            f"alpha_viscosity's {asked[worst]:.2g}: {remedy}raise gas.eta or gas.particles"
+            f"the {asked[worst]:.2g} of [alpha_viscosity]: {remedy}raise gas.eta or gas.particles"
         )
 
 

@@ -290,17 +290,20 @@ def source_problems(
     """
     names = list(names)
     if len(set(names)) < len(names):
-        yield where, "a name occurs twice; expected each name once"
+        yield where, "a name occurs twice; list each name once"
     for name in dict.fromkeys(names):
         table = "companion" if name == "companions" else name
         if name != "star" and not draft.has(table):
-            yield where, f'"{name}" is listed, but there is no table [{table}]; expected that table, or no "{name}"'
+            yield (
+                where,
+                f'"{name}" is listed, but there is no table [{table}]; add the table, or remove "{name}" from the list',
+            )
     if path is not None and "dust" in names and draft.has_gas_and_one_way_drag:
         wrong = f"with one-way drag, dust must not act on the gas, not even through {path}"
-        yield where, f'{wrong}; expected no "dust", or drag.direction = "two-way"'
+        yield where, f'{wrong}; remove "dust" from the list, or set drag.direction = "two-way"'
 
 
 def grid_scheme_problems(draft: Draft, table: str, what: str) -> Iterator[Problem]:
     """Yield a problem of `table` if the drag scheme is a fixed grid without particles. what: physics of the table."""
     if draft.drag and SCHEMES[draft.drag.scheme].on_grid:
-        yield (table,), f'drag.scheme "{draft.drag.scheme}" has no {what}; expected another drag.scheme'
+        yield (table,), f'drag.scheme "{draft.drag.scheme}" does not allow {what}; choose another drag.scheme'

@@ -63,13 +63,13 @@ def _orbit_problems(draft: Draft) -> Iterator[Problem]:
         e, phase = companion.eccentricity, companion.phase
         if e == 1.0:
             wrong = "e = 1 is a parabola, which has no semi-major axis"
-            yield ("companion", k, "eccentricity"), f"{wrong}; expected less or more than 1"
+            yield ("companion", k, "eccentricity"), f"{wrong}; expected any value except 1"
         elif e > 1.0 and abs(phase) >= (most := math.degrees(math.acos(-1.0 / e))):
             wrong = f"{phase:g} degrees is beyond the asymptote of a hyperbola with e = {e:g}"
             yield ("companion", k, "phase"), f"{wrong}; expected between -{most:.4g} and {most:.4g}"
         if e > 1.0 and companion.ramp > 0.0 and draft.star is not None and draft.star.centre == "barycentre":
             wrong = 'an unbound companion with a ramp is not possible with star.centre = "barycentre"'
-            yield ("companion", k, "ramp"), f'{wrong}; expected no ramp, or star.centre = "star"'
+            yield ("companion", k, "ramp"), f'{wrong}; remove ramp, or set star.centre = "star"'
 
 
 def _feels_problems(draft: Draft) -> Iterator[Problem]:
@@ -78,7 +78,7 @@ def _feels_problems(draft: Draft) -> Iterator[Problem]:
         where = ("companion", k, "feels")
         if companion.feels is not None:
             if companion.orbit == "fixed":
-                yield where, 'no force acts on a fixed orbit; expected orbit = "live", or no feels'
+                yield where, 'no force acts on a fixed orbit; set orbit = "live", or remove "feels"'
             yield from base.source_problems(draft, where, companion.feels, "a companion that it moves")
 
 
@@ -93,10 +93,13 @@ def _softening_problems(draft: Draft) -> Iterator[Problem]:
             yield where, f"a number means scale heights H, and H depends on density or heat here; {wanted}"
         is_cleared = companion.accretion_radius > 0.0 and companion.accretion_rate is None
         if companion.softening.value == 0.0 and not is_cleared:
-            yield where, "0 gives infinite forces near the companion; expected more than 0, or an accretion_radius"
+            yield (
+                where,
+                "0 gives infinite forces near the companion; choose a value above 0, or add an accretion_radius",
+            )
         if companion.accretion_rate is not None and companion.accretion_radius == 0.0:
             wrong = "an accretion rate needs an accretion radius"
-            yield ("companion", k, "accretion_rate"), f"{wrong}; expected accretion_radius too"
+            yield ("companion", k, "accretion_rate"), f"{wrong}; add the key accretion_radius"
 
 
 def _has_height(eos: Any) -> bool:
@@ -324,7 +327,7 @@ def _warnings(scene: Scene, at: base.GasSamples) -> Iterator[str]:
                 needed = scene.gas.particles * (near.resolution / length) ** 2
                 yield (
                     f"{name} of companion {k} is {length / near.resolution:.2g} times the smoothing length h "
-                    f"of the gas there, below 1: choose {other}gas.particles of about {needed:.2g}"
+                    f"of the gas there, below 1: choose {other}about {needed:.2g} gas.particles"
                 )
 
 

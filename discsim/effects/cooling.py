@@ -39,10 +39,10 @@ NANOSECONDS = {"beta": 100.0, "constant": 60.0, "radiative": 1000.0}
 def _energy_equation_problems(draft: Draft) -> Iterator[Problem]:
     """Yield problems of a scene whose gas has no energy equation, or whose drag scheme has no cooling."""
     if not draft.has("gas"):
-        yield ("cooling",), "cooling needs gas; expected a table [gas] too, or no [cooling]"
+        yield ("cooling",), "cooling needs gas; add a table [gas], or remove [cooling]"
     elif draft.gas and not draft.eos.holds_heat:
         wrong = f'gas with eos.kind = "{draft.eos_kind}" has no energy equation'
-        yield ("cooling",), f'{wrong}; expected eos.kind = "adiabatic"'
+        yield ("cooling",), f'{wrong}; set gas.eos.kind = "adiabatic"'
     else:
         yield from base.grid_scheme_problems(draft, "cooling", "cooling")
 
@@ -53,15 +53,15 @@ def _key_problems(draft: Draft) -> Iterator[Problem]:
     for kind, key in KEY_OF.items():
         given = getattr(own, key) is not None
         if kind == own.kind and not given:
-            yield ("cooling", key), f'missing, but kind = "{kind}" needs it; expected this key too'
+            yield ("cooling", key), f'missing, but required by cooling.kind = "{kind}"; add this key'
         elif kind != own.kind and given:
-            wrong = f'used only by kind "{kind}", but cooling.kind is "{own.kind}"'
-            yield ("cooling", key), f'{wrong}; expected kind = "{kind}", or this key left out'
+            wrong = f'used only with cooling.kind = "{kind}", but cooling.kind is "{own.kind}"'
+            yield ("cooling", key), f'{wrong}; set cooling.kind = "{kind}", or remove this key'
     if isinstance(own.opacity, float) and own.opacity <= 0.0:
         yield ("cooling", "opacity"), f"opacity {own.opacity:g} is not positive; expected more than 0"
     if own.kind == "radiative" and draft.in_code_units:
         wrong = "radiative cooling needs temperatures, which do not exist in code units"
-        yield ("cooling", "kind"), f'{wrong}; expected units.system = "physical", or kind = "beta" or "constant"'
+        yield ("cooling", "kind"), f'{wrong}; set units.system = "physical", or cooling.kind = "beta" or "constant"'
 
 
 def _star_problems(draft: Draft) -> Iterator[Problem]:
@@ -71,9 +71,9 @@ def _star_problems(draft: Draft) -> Iterator[Problem]:
         return
     if own.kind != "constant":
         what = "beta / Omega" if own.kind == "beta" else "the height of a disc"
-        yield ("cooling", "kind"), f"{what} needs a star to orbit; expected a table [star] too"
+        yield ("cooling", "kind"), f"{what} needs the orbital frequency about a star; add a table [star]"
     elif own.aspect_ratio is not None:
-        yield ("cooling", "aspect_ratio"), "H/r is defined only about a star; expected a table [star] too"
+        yield ("cooling", "aspect_ratio"), "H/r is defined only about a star; add a table [star]"
 
 
 def _temperature_problems(draft: Draft) -> Iterator[Problem]:
@@ -82,12 +82,15 @@ def _temperature_problems(draft: Draft) -> Iterator[Problem]:
     if not gas or not draft.eos.holds_heat or own.aspect_ratio is not None or gas.eos.aspect_ratio is not None:
         return
     if gas.eos.sound_speed is None:
-        wrong = "no temperature to cool to, neither here nor in gas.eos"
-        yield ("cooling", "aspect_ratio"), f"{wrong}; expected cooling.aspect_ratio"
+        wrong = "the temperature to which gas cools is given neither in [cooling] nor in [gas.eos]"
+        yield ("cooling", "aspect_ratio"), f"{wrong}; add cooling.aspect_ratio"
         return
     for key in ("temperature_index", "reference_radius"):
         if draft.gives("cooling", key):
-            yield ("cooling", key), "used only with an aspect_ratio, here or in gas.eos; expected aspect_ratio too"
+            yield (
+                ("cooling", key),
+                "used only with cooling.aspect_ratio or gas.eos.aspect_ratio; add cooling.aspect_ratio",
+            )
 
 
 class Effect(base.Effect):

@@ -40,7 +40,7 @@ def _zone_problems(draft: Draft) -> Iterator[Problem]:
     """Yield problems of a table without damping zones, or with zones that are no rings."""
     damping = draft.damping
     if damping.inner is None and damping.outer is None:
-        yield ("damping",), "no damping zone is given; expected inner = [from, to], outer = [from, to], or both"
+        yield ("damping",), "no damping zone is given; add inner = [from, to], outer = [from, to], or both keys"
     for key in ("inner", "outer"):
         zone = getattr(damping, key)
         if zone is not None and not 0.0 < zone[0] < zone[1]:
@@ -51,7 +51,7 @@ def _disc_problems(draft: Draft) -> Iterator[Problem]:
     """Yield problems of a scene that is no disc about a star."""
     if not draft.has("star"):
         wrong = "damping times are in orbits about a star, but there is no [star]"
-        yield ("damping",), f"{wrong}; expected a table [star] too"
+        yield ("damping",), f"{wrong}; add a table [star]"
     elif draft.space and (draft.dimensions != 2 or draft.space.boundary != "open"):
         yield ("space",), 'damping zones are rings about a star; expected dimensions = 2 and boundary = "open"'
 

@@ -43,14 +43,14 @@ def _table_problems(draft: Draft) -> Iterator[Problem]:
     for table in ("gas", "dust"):
         if not draft.has(table) and not (table == "gas" and draft.has("background")):
             also = " or [background]" if table == "gas" else ""
-            yield ("drag",), f"drag needs {table}; expected a table [{table}]{also}, or no [drag]"
+            yield ("drag",), f"drag needs {table}; add a table [{table}]{also}, or remove [drag]"
 
 
 def _class_width_problems(draft: Draft) -> Iterator[Problem]:
     """Yield a problem of drag.class_width if all grains of each population have the same size."""
     grows = draft.has("growth")
     if draft.gives("drag", "class_width") and not grows and not any(map(has_sizes, draft.dust or ())):
-        words = "expected a size distribution in dust.grain_size, [growth], or this key left out"
+        words = "set dust.grain_size to a size distribution, add [growth], or remove this key"
         yield ("drag", "class_width"), f"class_width needs grains of different sizes; {words}"
 
 
@@ -61,16 +61,22 @@ def _law_key_problems(draft: Draft) -> Iterator[Problem]:
         laws = [name for name in LAWS if LAWS[name].key == key]
         given = getattr(draft.drag, key) is not None
         if law in laws and not given:
-            yield ("drag", key), f'missing, but law "{law}" needs it; expected this key too'
+            yield ("drag", key), f'missing, but required by drag.law = "{law}"; add this key'
         elif law not in laws and given:
-            wrong = f'used only by law {quoted(laws)}, but drag.law is "{law}"'
-            yield ("drag", key), f"{wrong}; expected another law, or this key left out"
+            wrong = f'used only with drag.law = {quoted(laws)}, but drag.law is "{law}"'
+            yield ("drag", key), f"{wrong}; choose another law, or remove this key"
     if draft.drag.supersonic and not LAWS[law].of_grains:
         words = quoted(name for name in LAWS if LAWS[name].of_grains)
-        yield ("drag", "supersonic"), f'law "{law}" has no supersonic correction; expected law {words}, or false'
+        yield (
+            ("drag", "supersonic"),
+            f'drag.law "{law}" has no supersonic correction; set drag.supersonic = false, or choose drag.law {words}',
+        )
     if draft.drag.mean_free_column is not None and not LAWS[law].needs_mean_free_path:
         words = quoted(name for name in LAWS if LAWS[name].needs_mean_free_path)
-        yield ("drag", "mean_free_column"), f'not used by law "{law}"; expected law {words}, or this key left out'
+        yield (
+            ("drag", "mean_free_column"),
+            f'not used with drag.law = "{law}"; choose drag.law {words}, or remove this key',
+        )
 
 
 def _scheme_key_problems(draft: Draft) -> Iterator[Problem]:
@@ -85,7 +91,7 @@ def _scheme_key_problems(draft: Draft) -> Iterator[Problem]:
             if draft.gives("drag", key):
                 yield ("drag", key), f"{wrong}; remove this key"
     if draft.drag.cell is not None and draft.drag.cell_length is not None:
-        yield ("drag", "cell_length"), "drag.cell is also given; expected only one of the two"
+        yield ("drag", "cell_length"), "drag.cell is also given; keep drag.cell or drag.cell_length"
 
 
 def _heating_problems(draft: Draft) -> Iterator[Problem]:
@@ -93,9 +99,12 @@ def _heating_problems(draft: Draft) -> Iterator[Problem]:
     if not draft.drag.heating:
         return
     if draft.gas and not draft.eos.holds_heat:
-        yield ("drag", "heating"), f'gas with eos.kind "{draft.eos_kind}" has no energy equation; expected false'
+        yield (
+            ("drag", "heating"),
+            f'gas with gas.eos.kind = "{draft.eos_kind}" has no energy equation; set drag.heating = false',
+        )
     if draft.drag.direction == "one-way":
-        yield ("drag", "heating"), "one-way drag does not act on the gas; expected false"
+        yield ("drag", "heating"), "one-way drag does not act on the gas; set drag.heating = false"
 
 
 CELLS = "drag.cells"  # name of the operator that builds the drag cells

@@ -32,9 +32,12 @@ def _edge_problems(draft: Draft) -> Iterator[Problem]:
             if draft.start and not draft.start.edges and getattr(dust, key) is not None:
                 wrong = f'initial.kind = "{draft.kind}" has no radius'
                 words = " or ".join(starts_where(lambda start: start.edges))
-                yield ("dust", i, key), f"{wrong}; expected {words}, or this key left out"
+                yield ("dust", i, key), f"{wrong}; set initial.kind to {words}, or remove this key"
         if dust.inner is not None and dust.outer is not None and dust.outer <= dust.inner:
-            yield ("dust", i, "outer"), "outer is not larger than inner; expected outer > inner"
+            yield (
+                ("dust", i, "outer"),
+                "the outer edge is not larger than the inner one; expected dust.outer > dust.inner",
+            )
 
 
 def _size_problems(draft: Draft) -> Iterator[Problem]:
@@ -44,15 +47,15 @@ def _size_problems(draft: Draft) -> Iterator[Problem]:
         if not isinstance(sizes, Sizes):
             continue
         if not sizes.largest > sizes.smallest:
-            yield (*where, "largest"), "largest is not larger than smallest; expected largest > smallest"
+            yield (*where, "largest"), "the largest size is not larger than the smallest; expected largest > smallest"
         if draft.drag is None:
-            yield where, "grain sizes have no effect without drag; expected a table [drag] too"
+            yield where, "grain sizes have no effect without drag; add a table [drag]"
         elif not LAWS[draft.drag.law].of_grains:
             wrong = f'drag.law "{draft.drag.law}" does not depend on grain size'
-            yield where, f"{wrong}; expected drag.law {laws_of_grains()}"
+            yield where, f"{wrong}; choose drag.law {laws_of_grains()}"
         elif not draft.has("background") and not SCHEMES[draft.drag.scheme].sizes:
             wrong = f'drag.scheme "{draft.drag.scheme}" allows only one size per population'
-            yield where, f"{wrong}; expected drag.scheme {schemes_with_sizes()}"
+            yield where, f"{wrong}; choose drag.scheme {schemes_with_sizes()}"
 
 
 def laws_of_grains() -> str:

@@ -68,16 +68,16 @@ def _strength_problems(draft: Draft) -> Iterator[Problem]:
     """Yield problems of a scene that defines no strength of the turbulence, or two."""
     own = draft.dust_diffusion
     if own.alpha is not None and own.D is not None:
-        yield ("dust_diffusion", "D"), "alpha is also given; expected only one of the two"
+        yield ("dust_diffusion", "D"), "dust_diffusion.alpha is also given; keep alpha or D"
     elif own.alpha is None and own.D is None and not draft.has("alpha_viscosity"):
         wrong = "no strength of the turbulence is given"
-        yield ("dust_diffusion",), f"{wrong}; expected alpha, D, or a table [alpha_viscosity]"
+        yield ("dust_diffusion",), f"{wrong}; add the key alpha or D, or a table [alpha_viscosity]"
 
 
 def _dust_problems(draft: Draft) -> Iterator[Problem]:
     """Yield problems of a scene without dust particles."""
     if not draft.has("dust"):
-        yield ("dust_diffusion",), "dust diffusion needs dust; expected a table [dust] too"
+        yield ("dust_diffusion",), "dust diffusion needs dust; add a table [dust]"
     else:
         yield from base.grid_scheme_problems(draft, "dust_diffusion", "dust diffusion")
 
@@ -87,14 +87,14 @@ def _gas_problems(draft: Draft) -> Iterator[Problem]:
     if draft.dust_diffusion.D is not None or not draft.has("dust"):
         return
     if not draft.has("gas") and not draft.has("background"):
-        yield ("dust_diffusion",), "alpha c_s H needs gas; expected a table [gas] or [background], or D instead"
+        yield ("dust_diffusion",), "alpha c_s H needs gas; add a table [gas] or [background], or replace alpha by D"
     elif not draft.has("drag"):
         wrong = "turbulent gas does not act on dust without drag"
-        yield ("dust_diffusion",), f"{wrong}; expected a table [drag] too, or D instead"
+        yield ("dust_diffusion",), f"{wrong}; add a table [drag], or replace alpha by D"
     layer = draft.external is not None and draft.external.vertical_frequency > 0.0
     if draft.dust_diffusion.alpha is not None and not draft.has("star") and not layer:
         wrong = "H = c_s / Omega needs an orbital frequency"
-        yield ("dust_diffusion", "alpha"), f"{wrong}; expected [star] or external.vertical_frequency, or D instead"
+        yield ("dust_diffusion", "alpha"), f"{wrong}; add [star] or external.vertical_frequency, or replace alpha by D"
 
 
 class Effect(base.Effect):
@@ -291,6 +291,6 @@ def _substeps(wanted: float) -> int:
     if not wanted <= MOST_SUBSTEPS:
         raise FloatingPointError(
             f"dust_diffusion would need {wanted:.2g} substeps per time step, each over half the length scale of "
-            f"the gas; expected a smaller diffusivity, or a run.timestep with at most {MOST_SUBSTEPS} substeps"
+            f"the gas; lower the diffusivity, or choose a run.timestep with at most {MOST_SUBSTEPS} substeps"
         )
     return max(1, math.ceil(wanted))

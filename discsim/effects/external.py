@@ -28,7 +28,7 @@ class Effect(base.Effect):
     def report(cls, scene: Scene, at: base.GasSamples) -> base.Report:
         text = (
             "external.vertical_frequency attracts to z = 0, but z is periodic, so the force jumps at the boundary: "
-            'set space.boundary to "open", or leave vertical_frequency out'
+            'set space.boundary = "open", or remove vertical_frequency'
         )
         is_wrong = scene.external.vertical_frequency > 0.0 and scene.space.boundary == "periodic"
         return base.Report(warnings=[text] if is_wrong else [])

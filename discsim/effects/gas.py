@@ -48,10 +48,10 @@ def _smoothing_problems(draft: Draft) -> Iterator[Problem]:
     gas = draft.gas
     if gas.smoothing_length is not None:
         if draft.gives("gas", "eta"):
-            yield ("gas", "smoothing_length"), "gas.eta is also given; expected only one of the two"
+            yield ("gas", "smoothing_length"), "gas.eta is also given; keep gas.eta or gas.smoothing_length"
         elif draft.space and gas.smoothing_length > 2 * max(draft.space.size):
             times = gas.smoothing_length / max(draft.space.size)
-            yield ("gas", "smoothing_length"), f"{times:.3g} times space.size; expected at most 2 times"
+            yield ("gas", "smoothing_length"), f"the length is {times:.3g} times space.size; expected at most 2 times"
         return
     kernel, axis = SMOOTHING[gas.kernel], draft.dimensions - 1
     if gas.eta < kernel.least_eta[axis]:
@@ -73,13 +73,13 @@ def _quiet_problems(draft: Draft) -> Iterator[Problem]:
     if gas.quiet is None:
         return
     if not draft.has("star") and not (draft.space and draft.space.boundary == "periodic" and draft.dimensions == 2):
-        yield where, "quiet needs a disc about a star, or a periodic 2D space; expected one of these, or no quiet"
+        yield where, "quiet gas needs a disc about a star, or a periodic 2D space; remove gas.quiet"
     if draft.eos_kind not in QUIET_EOS:
-        wrong = f'quiet has no energy equation, but gas.eos.kind is "{draft.eos_kind}"'
-        yield where, f'{wrong}; expected kind = "isothermal" or "locally-isothermal"'
+        wrong = f'quiet gas has no energy equation, but gas.eos.kind is "{draft.eos_kind}"'
+        yield where, f'{wrong}; set gas.eos.kind = "isothermal" or "locally-isothermal", or remove quiet'
     if gas.viscosity is None or gas.viscosity.acts_in_shear:
-        wrong = "quiet needs the velocity gradients of the reconstruction"
-        yield where, f'{wrong}; expected gas.viscosity.pairs = "reconstructed"'
+        wrong = "quiet gas needs the velocity gradients of the reconstruction"
+        yield where, f'{wrong}; set gas.viscosity.pairs = "reconstructed"'
 
 
 def _switch_problems(draft: Draft) -> Iterator[Problem]:
@@ -87,7 +87,7 @@ def _switch_problems(draft: Draft) -> Iterator[Problem]:
     viscosity = draft.gas.viscosity
     if viscosity and not viscosity.acts_in_shear and viscosity.switch != "none":
         twice = f'"{viscosity.switch}" removes viscosity from shear, and so does pairs = "{viscosity.pairs}"'
-        yield ("gas", "viscosity", "switch"), f"{twice}; expected only one of the two"
+        yield ("gas", "viscosity", "switch"), f"{twice}; keep switch or pairs"
 
 
 # Limits of h/H for a warning. Sound waves, and viscosity in shear, need h/H below FINE. h/H is largest at the edges of
@@ -127,7 +127,7 @@ def _timestep_warnings(scene: Scene, at: base.GasSamples) -> Iterator[str]:
         given, best = (scene.units.show(time, "time") for time in (dt, limit))
         yield (
             f"run.timestep = {given} is {dt / limit:.2g} times the sound limit {at.where(worst)}: "
-            f"lower it to {best}, or leave it out"
+            f"lower run.timestep to {best}, or remove the key"
         )
 
 

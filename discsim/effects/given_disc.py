@@ -40,14 +40,14 @@ NEEDS = {"dust": "is useful only with dust", "star": "orbits a star", "drag": "a
 def _scene_problems(draft: Draft) -> Iterator[Problem]:
     """Yield problems of a [background] with [gas], without dust, star or drag, or in an unsuitable space."""
     if draft.has("gas"):
-        yield ("background",), "[gas] is also given; expected either [gas] (SPH) or [background] (prescribed disc)"
+        yield ("background",), "[gas] is also given; keep [gas] (SPH) or [background] (prescribed disc)"
     yield from missing_tables(draft, ("background",), {name: f"a [background] {why}" for name, why in NEEDS.items()})
     if draft.space and (draft.dimensions != 2 or draft.space.boundary != "open"):
-        yield ("space",), '[background] is a 2D disc; expected dimensions = 2 and boundary = "open"'
+        yield ("space",), '[background] is a 2D disc; set space.dimensions = 2 and space.boundary = "open"'
     if draft.run and draft.run.integrator != "kdk":
-        yield ("run", "integrator"), 'this integrator does not support [background]; expected "kdk"'
+        yield ("run", "integrator"), 'the integrator does not support [background]; set run.integrator = "kdk"'
     if draft.drag and draft.drag.direction != "one-way":
-        yield ("drag", "direction"), 'dust cannot act on a [background]; expected direction = "one-way"'
+        yield ("drag", "direction"), 'dust cannot act on a [background]; set drag.direction = "one-way"'
 
 
 def _density_problems(draft: Draft) -> Iterator[Problem]:
@@ -55,18 +55,18 @@ def _density_problems(draft: Draft) -> Iterator[Problem]:
     given = draft.background
     if given.file is None:
         if given.surface_density is None:
-            yield ("background",), "no surface density is given; expected surface_density, or file"
+            yield ("background",), "no surface density is given; add the key surface_density, or file"
         return
     for key in ("surface_density", "surface_density_index"):
         if draft.gives("background", key):
-            yield ("background", key), "background.file is also given; expected only one of the two"
+            yield ("background", key), f"background.file is also given; keep file or {key}"
     if given.file.has("resolution"):
         wrong = "the file has a column resolution, but [background] has no particles"
-        yield ("background", "file"), f"{wrong}; expected no such column"
+        yield ("background", "file"), f"{wrong}; remove the column"
     usable = [name for name in EOS if EOS[name].takes_temperature and not EOS[name].holds_heat]
     if given.file.has("T") and given.eos.kind not in usable:
         wrong = f'the file has a column T, but background.eos.kind "{given.eos.kind}" does not use it'
-        yield ("background", "file"), f"{wrong}; expected background.eos.kind = {quoted(usable)}, or no column T"
+        yield ("background", "file"), f"{wrong}; set background.eos.kind = {quoted(usable)}, or remove the column T"
 
 
 class Background(base.Effect):

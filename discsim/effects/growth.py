@@ -96,10 +96,13 @@ def _scene_problems(draft: Draft) -> Iterator[Problem]:
     needs = dict(NEEDS)
     if draft.has("background"):
         del needs["gas"]
-        yield where, "growth needs gas particles to carry small dust, but [background] has none; expected [gas] instead"
+        yield (
+            where,
+            "growth needs gas particles to carry small dust, but [background] has none; replace [background] by [gas]",
+        )
     yield from missing_tables(draft, where, needs)
     if draft.growth.alpha is None and not draft.has("alpha_viscosity"):
-        yield where, "no strength of the turbulence is given; expected growth.alpha, or a table [alpha_viscosity]"
+        yield where, "no strength of the turbulence is given; add growth.alpha, or a table [alpha_viscosity]"
     if draft.growth.small_ratio is not None and (draft.start is None or draft.start.restore):
         wrong = "not used with particles from a snapshot or from the caller, which include their small dust"
         yield (*where, "small_ratio"), f"{wrong}; remove this key"
@@ -110,9 +113,9 @@ def _size_problems(draft: Draft) -> Iterator[Problem]:
     own = draft.growth
     if own.small_size is None:
         wrong = "missing; the default 1 um is not available in code units"
-        yield ("growth", "small_size"), f"{wrong}; expected a size in code units"
+        yield ("growth", "small_size"), f"{wrong}; add a size in code units"
     elif own.smallest is not None and own.small_size <= own.smallest:
-        yield ("growth", "smallest"), "smallest is not smaller than small_size; expected smallest < small_size"
+        yield ("growth", "smallest"), "the size is not smaller than growth.small_size; expected smallest < small_size"
 
 
 def _dust_problems(draft: Draft) -> Iterator[Problem]:
@@ -120,16 +123,16 @@ def _dust_problems(draft: Draft) -> Iterator[Problem]:
     if draft.dust is None:
         return
     if len(draft.dust) > 1:
-        yield ("growth",), f"{len(draft.dust)} populations of dust, but growth allows one; expected one [[dust]] table"
+        yield ("growth",), f"{len(draft.dust)} populations of dust, but growth allows one; keep one [[dust]] table"
         return
     ((dust,), own), where = (draft.dust, draft.growth), ("dust", 0, "grain_size")
     if isinstance(dust.grain_size, Sizes):
-        yield where, "a size distribution is not allowed with growth; expected one length, the initial size"
+        yield where, "a size distribution is not allowed with growth; expected a length, the initial size of all grains"
     elif None not in (dust.grain_size, own.small_size) and dust.grain_size < own.small_size:
-        yield where, f"smaller than growth.small_size = {own.small_size:g}; expected at least that size"
+        yield where, f"the initial size is smaller than growth.small_size; expected at least {own.small_size:g}"
     if own.small_ratio is not None and own.small_ratio > dust.ratio:
-        wrong = f"larger than dust.ratio = {dust.ratio:g}, which includes small dust"
-        yield ("growth", "small_ratio"), f"{wrong}; expected at most dust.ratio"
+        wrong = f"the ratio is larger than dust.ratio = {dust.ratio:g}, which includes small dust"
+        yield ("growth", "small_ratio"), f"{wrong}; lower small_ratio to at most dust.ratio"
 
 
 def _drag_problems(draft: Draft) -> Iterator[Problem]:
@@ -139,10 +142,10 @@ def _drag_problems(draft: Draft) -> Iterator[Problem]:
     law, scheme = draft.drag.law, draft.drag.scheme
     if not LAWS[law].of_grains:
         wrong = f'growth needs a drag law that depends on grain size, and "{law}" does not'
-        yield ("growth",), f"{wrong}; expected {laws_of_grains()}"
+        yield ("growth",), f"{wrong}; choose drag.law {laws_of_grains()}"
     if not SCHEMES[scheme].sizes and not draft.has("background"):
         wrong = f'growth needs a scheme with a size per particle, and "{scheme}" has one per population'
-        yield ("growth",), f"{wrong}; expected {schemes_with_sizes()}"
+        yield ("growth",), f"{wrong}; choose drag.scheme {schemes_with_sizes()}"
 
 
 class Effect(base.Effect):
@@ -286,7 +289,7 @@ def _rows(scene: Scene, at: base.GasSamples) -> Iterator[tuple[str, str]]:
     for name, sizes in (("fragmentation limit", found.fragmentation), ("drift limit", found.drift)):
         texts = [scene.units.show(float(size), "length") if size < math.inf else "none" for size in sizes]
         yield f"grain size at {name}", ", ".join(texts)
-    yield "Stokes number at the smaller limit", ", ".join(f"{stokes:.3g}" for stokes in found.stokes)
+    yield "Stokes number at the smaller of the two limits", ", ".join(f"{stokes:.3g}" for stokes in found.stokes)
     times = [scene.units.show(float(time), "time") for time in found.time]
     yield "growth time of settled grains", ", ".join(times)
 

@@ -43,12 +43,15 @@ def _beta_problems(draft: Draft) -> Iterator[Problem]:
     beta, populations = draft.radiation_pressure.beta, len(draft.dust or ())
     if draft.dust and len(beta) not in (1, populations):
         wrong = f"{len(beta)} numbers for {populations} populations of dust"
-        yield ("radiation_pressure", "beta"), f"{wrong}; expected {populations}, or one"
+        yield (
+            ("radiation_pressure", "beta"),
+            f"{wrong}; give one number, or one number for each population",
+        )
     if max(beta) < 1.0 or not draft.start or draft.start.radial is None:
         return
     if not draft.has("drag") or getattr(draft.initial, "dust_velocity", None) == "balance":
         wrong = f"beta = {max(beta):g} is at least 1, so grains have no circular orbit"
-        words = 'expected less than 1, or [drag] with initial.dust_velocity = "drift"'
+        words = 'lower beta, or add [drag] with initial.dust_velocity = "drift"'
         yield ("radiation_pressure", "beta"), f"{wrong}; {words}"
 
 
@@ -77,7 +80,7 @@ class Effect(base.Effect):
         beta = 1.0 - float(gravity_factor(scene).min())
         text = (
             f"radiation_pressure.beta = {beta:g}: grains with beta >= 1 are unbound, and only gas drag holds "
-            "them back; expected less than 1 for bound grains"
+            "them back; lower beta below 1 for bound grains"
         )
         return base.Report(warnings=[text] if beta >= 1.0 and scene.drag is not None else [])
 

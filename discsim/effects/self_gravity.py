@@ -51,9 +51,9 @@ def _space_problems(draft: Draft) -> Iterator[Problem]:
     if not space or space.boundary == "periodic":
         return
     if draft.dimensions == 1:
-        yield ("space", "boundary"), 'self-gravity in 1D needs periodic boundaries; expected "periodic"'
+        yield ("space", "boundary"), 'self-gravity in 1D needs periodic boundaries; set space.boundary = "periodic"'
     if space.cells and min(space.size) / max(space.size) * space.cells < 5:
-        wrong = "too few for self-gravity, whose derivative uses five cells"
+        wrong = "there are too few cells for self-gravity, whose derivative uses five cells"
         yield ("space", "cells"), f"{wrong}; expected at least 5 cells along each side"
 
 
@@ -68,7 +68,7 @@ def _density_problems(draft: Draft) -> Iterator[Problem]:
     if 1 in start.dimensions and start.boundary == "periodic":  # other rules report the remaining starts
         wrong = f'self-gravity in 1D is for surface densities, but initial.kind "{draft.kind}" has a volume density'
         words = quoted(starts_where(lambda start: start.has_surface_density))
-        yield ("self_gravity",), f"{wrong}; expected initial.kind = {words}, or space.dimensions = 2"
+        yield ("self_gravity",), f"{wrong}; set initial.kind = {words}, or space.dimensions = 2"
 
 
 def _kernel_problems(draft: Draft) -> Iterator[Problem]:
@@ -76,9 +76,12 @@ def _kernel_problems(draft: Draft) -> Iterator[Problem]:
     kernel = draft.self_gravity.kernel
     needed = KERNEL_KEYS[kernel]
     if draft.self_gravity.thickness is not None and not draft.gives("self_gravity", "kernel"):
-        yield ("self_gravity", "thickness"), 'used only by kernel "thin-disc"; expected kernel = "thin-disc" too'
+        yield (
+            ("self_gravity", "thickness"),
+            'used only with self_gravity.kernel = "thin-disc"; set this kernel, or remove the key',
+        )
     elif getattr(draft.self_gravity, needed) is None:
-        yield ("self_gravity", needed), f'missing, but kernel "{kernel}" needs it; expected a length'
+        yield ("self_gravity", needed), f'missing, but required by self_gravity.kernel = "{kernel}"; add a length'
 
 
 def _source_problems(draft: Draft) -> Iterator[Problem]:
@@ -99,13 +102,13 @@ def _kernel_warnings(scene: Scene, at: base.GasSamples) -> Iterator[str]:
     shown = scene.units.show(length, "length")
     for other in set(KERNEL_KEYS.values()) - {name}:
         if getattr(scene.self_gravity, other) is not None:
-            yield f'self_gravity.{other} is not used by kernel "{kernel}": leave it out'
+            yield f'self_gravity.{other} is not used with self_gravity.kernel = "{kernel}": remove the key'
     cell = at.cell
     if length < cell:
         needed = math.ceil(max(scene.space.size) / length)
         yield (
-            f"self_gravity.{name} = {shown} is {length / cell:.2g} of a grid cell: "
-            f"raise space.cells to {needed}, or the {name} to {scene.units.show(cell, 'length')}"
+            f"self_gravity.{name} = {shown} is {length / cell:.2g} grid cells, below 1: "
+            f"raise space.cells to {needed}, or self_gravity.{name} to {scene.units.show(cell, 'length')}"
         )
     if at.scale_height is not None and at.toomre_q is not None:
         # A softening has to be below H wherever self-gravity matters, a thickness only below the largest H.
@@ -115,8 +118,8 @@ def _kernel_warnings(scene: Scene, at: base.GasSamples) -> Iterator[str]:
         height = at.scale_height[worst]
         if length > height:
             yield (
-                f"self_gravity.{name} = {shown} is {length / height:.2g} H {at.where(worst)}, above 1: "
-                f"lower it to {scene.units.show(height, 'length')}"
+                f"self_gravity.{name} = {shown} is {length / height:.2g} H {at.where(worst)}, above 1 H: "
+                f"lower self_gravity.{name} to {scene.units.show(height, 'length')}"
             )
 
 
@@ -138,7 +141,8 @@ def _collapse_warnings(scene: Scene, at: base.GasSamples) -> Iterator[str]:
     size = mass[worst] / (neighbours * at.particle_mass * at.relative_mass[worst])
     if size < CLUMP_SIZE:
         yield (
-            f"the smallest collapsing mass {where} has {size:.2g} times the particles of a kernel, below {CLUMP_SIZE}: "
+            f"the smallest collapsing mass {where} has {size:.2g} times as many particles as a kernel, below "
+            f"{CLUMP_SIZE}: "
             f"raise gas.particles by a factor of {CLUMP_SIZE / size:.2g}"
         )
     cell = at.cell

@@ -47,9 +47,9 @@ PULL = 5.0  # CPU nanoseconds in a step, per particle; twice as long for particl
 def _space_problems(draft: Draft) -> Iterator[Problem]:
     """Yield problems of a space that has no centre for a star."""
     if draft.dimensions == 1:
-        yield ("star",), "a star is possible only in two dimensions; expected space.dimensions = 2"
+        yield ("star",), "a star is possible only in two dimensions; set space.dimensions = 2"
     elif draft.space and draft.space.boundary == "periodic" and not (draft.start and draft.start.edges):
-        yield ("star",), 'a star is not possible in a periodic space; expected space.boundary = "open"'
+        yield ("star",), 'a star is not possible in a periodic space; set space.boundary = "open"'
 
 
 def _indirect_problems(draft: Draft) -> Iterator[Problem]:
@@ -61,22 +61,22 @@ def _frame_problems(draft: Draft) -> Iterator[Problem]:
     """Yield problems of the keys `frame`, `centre` and `grows`."""
     star = draft.star
     if star.frame == "inertial" and draft.has("background"):
-        yield ("star", "frame"), 'a [background] needs the star at the origin; expected "star"'
+        yield ("star", "frame"), 'a [background] needs the star at the origin; set star.frame = "star"'
     if star.centre == "barycentre":
         if not draft.has("companion"):
-            yield ("star", "centre"), 'centre = "barycentre" needs a companion; expected a table [[companion]]'
+            yield ("star", "centre"), 'centre = "barycentre" needs a companion; add a table [[companion]]'
         if star.frame == "star":
             wrong = 'centre = "barycentre" needs the inertial frame'
-            yield ("star", "centre"), f'{wrong}; expected star.frame = "inertial" too'
+            yield ("star", "centre"), f'{wrong}; set star.frame = "inertial"'
         if star.indirect is not None and "companions" not in star.indirect:
             wrong = 'centre = "barycentre" needs companions that accelerate the star'
-            yield ("star", "indirect"), f'{wrong}; expected "companions" in the list, or centre = "star"'
+            yield ("star", "indirect"), f'{wrong}; add "companions" to star.indirect, or set star.centre = "star"'
         bound = [c for c in draft.companion or () if c.eccentricity < 1.0]
         if len(bound) > 1 and any(c.orbit == "fixed" for c in bound):
             wrong = f'with {len(bound)} bound companions and orbit = "fixed" the barycentre is not at rest'
-            yield ("star", "centre"), f'{wrong}; expected orbit = "live" in each, or centre = "star"'
+            yield ("star", "centre"), f'{wrong}; set orbit = "live" in each [[companion]], or star.centre = "star"'
     if star.grows and star.accretion_radius == 0.0:
-        yield ("star", "grows"), "the star accretes nothing; expected star.accretion_radius too"
+        yield ("star", "grows"), "the star accretes nothing; add star.accretion_radius, or remove grows"
 
 
 def orbit_limit(

@@ -166,7 +166,7 @@ def _common_arrays(name: str, given: dict[str, Any], first_id: int) -> dict[str,
     if not all(np.isfinite(array).all() for array in arrays.values()) or arrays["mass"].min() <= 0.0:
         raise ValueError(
             f"the start makes {name} with positions, velocities or masses that are not finite, or masses that are not "
-            "positive; expected less extreme values in the scene"
+            "positive; choose less extreme values in the scene"
         )
     ids = np.arange(first_id, first_id + len(arrays["mass"]), dtype=np.int64)
     return arrays | {"acc": np.zeros_like(arrays["pos"]), "ids": ids}

@@ -48,7 +48,8 @@ class BalanceKeys(Table):
 
     dust_velocity: Annotated[Literal["balance", "drift"] | None, Default('"drift" with drag, else "balance"')] = Field(
         None,
-        description="initial velocity of dust: circular orbits, or the steady drift of all populations with the gas",
+        description='initial velocity of dust: "balance" for circular orbits, "drift" for the steady drift '
+        "with the gas",
     )
     relax: Orbits = Field(
         0.0,
@@ -64,10 +65,10 @@ def relaxation_problems(draft: Draft) -> Iterator[Problem]:
         return
     for table, why in (("gas", "relaxation needs gas"), ("star", "relaxation is measured in orbits about a star")):
         if not draft.has(table):
-            yield ("initial", "relax"), f"{why}; add a table [{table}], or leave this key out"
+            yield ("initial", "relax"), f"{why}; add a table [{table}], or remove this key"
     if getattr(draft.initial, "perturbation", 0.0) > 0.0:
         wrong = "initial.perturbation is also given, and relaxation would remove it"
-        yield ("initial", "relax"), f"{wrong}; leave initial.perturbation or this key out"
+        yield ("initial", "relax"), f"{wrong}; remove initial.perturbation or this key"
 
 
 class Equilibrium:
@@ -224,8 +225,8 @@ def _check_orbits(equilibrium: Equilibrium, name: str, particles: Any) -> None:
         outwards = np.median(pull[falling]) <= 0.0
         cause = "self-gravity acts outwards" if outwards else "pressure or radiation pressure exceeds gravity"
         raise ValueError(
-            f"a fraction of {fraction:.2g} of the {name} has no circular orbit near r = {where}, where {cause}; "
-            "expected lower H/r or beta, or a wider taper there"
+            f"{100.0 * fraction:.2g}% of the {name} mass has no circular orbit near r = {where}, where {cause}; "
+            "lower H/r or radiation_pressure.beta, or widen the taper there"
         )
 
 

@@ -65,18 +65,21 @@ def edge_problems(draft: Draft) -> Iterator[Problem]:
     """Yield a problem if the edges are in wrong order, if the disc exceeds space, or if its tapers overlap."""
     disc = draft.initial
     if disc.outer <= disc.inner:
-        yield ("initial", "outer"), "outer is not larger than inner; expected outer > inner"
+        yield (
+            ("initial", "outer"),
+            "the outer edge is not larger than the inner one; expected initial.outer > initial.inner",
+        )
     elif draft.space and min(draft.space.size) < 2 * disc.outer:
         share = min(draft.space.size) / (2 * disc.outer)
         yield (
             ("space", "size"),
-            f"space is smaller than the disc: half a side is {share:.3g} of initial.outer; "
-            "expected more than 1 (with 1.3 the disc can spread)",
+            f"space is smaller than the disc: half a side is {share:.3g} times initial.outer; "
+            "expected a factor above 1 (with 1.3 the disc can spread)",
         )
     elif disc.inner_taper + disc.outer_taper > disc.outer - disc.inner:
         wide = (disc.inner_taper + disc.outer_taper) / (disc.outer - disc.inner)
         key = "inner_taper" if disc.inner_taper > disc.outer_taper else "outer_taper"
-        yield ("initial", key), f"the tapers are {wide:.3g} times as wide as the disc; expected at most 1"
+        yield ("initial", key), f"the tapers are {wide:.3g} times as wide as the disc; expected a factor of at most 1"
 
 
 def power_law_problems(draft: Draft) -> Iterator[Problem]:
@@ -91,7 +94,10 @@ def power_law_problems(draft: Draft) -> Iterator[Problem]:
         index, where = getattr(law, key), law.reference_radius
         if max(abs(index * log10(r / where)) for r in (draft.initial.inner, draft.initial.outer)) > log10(LARGEST):
             path = (table, "eos", key) if key == "temperature_index" else (table, key)
-            yield path, f"{index:g} makes powers of the radius exceed {LARGEST:g}; expected an index nearer to 0"
+            yield (
+                path,
+                f"the index {index:g} makes powers of the radius exceed {LARGEST:g}; choose an index nearer to 0",
+            )
 
 
 def mass_problems(draft: Draft, keys: tuple[str, ...]) -> Iterator[Problem]:
@@ -100,13 +106,13 @@ def mass_problems(draft: Draft, keys: tuple[str, ...]) -> Iterator[Problem]:
     if len(given) != 1:
         wrong = f"{' and '.join(given)} are {'both' if len(given) == 2 else 'all'} given"
         wrong = wrong if given else "no mass of the disc is given"
-        yield ("initial", *given[-1:]), f"{wrong}; expected exactly one of {', '.join(keys)}"
+        yield ("initial", *given[-1:]), f"{wrong}; give exactly one of the keys {', '.join(keys)}"
 
 
 def centre_problems(draft: Draft) -> Iterator[Problem]:
     """Yield a problem if no gravity binds the disc."""
     if not draft.has("star") and not draft.has("self_gravity"):
-        yield ("initial", "kind"), "no gravity binds the disc; expected a table [star] or [self_gravity]"
+        yield ("initial", "kind"), "no gravity binds the disc; add a table [star] or [self_gravity]"
 
 
 def toomre_q_problems(draft: Draft) -> Iterator[Problem]:
@@ -116,23 +122,29 @@ def toomre_q_problems(draft: Draft) -> Iterator[Problem]:
     for table in ("gas", "star"):
         if not draft.has(table):
             wrong = f"Q = c_s kappa / (pi G Sigma) needs a table [{table}]"
-            yield ("initial", "toomre_q"), f"{wrong}; expected [{table}], or initial.mass or initial.surface_density"
+            yield ("initial", "toomre_q"), f"{wrong}; add [{table}], or replace toomre_q by mass or surface_density"
     if draft.has("background"):
-        wrong = "Q is that of a table [gas], and this scene has [background]"
-        yield ("initial", "toomre_q"), f"{wrong}; expected initial.mass or initial.surface_density instead"
+        wrong = "toomre_q describes a table [gas], but this scene has [background]"
+        yield ("initial", "toomre_q"), f"{wrong}; replace toomre_q by mass or surface_density"
 
 
 def dust_edge_problems(draft: Draft) -> Iterator[Problem]:
     """Yield a problem for each dust population with an offset, or without gas between its edges."""
     for i, dust in enumerate(draft.dust or ()):
         if dust.offset:
-            yield ("dust", i, "offset"), "particles of a disc have no uniform spacing; leave dust.offset out"
+            yield ("dust", i, "offset"), "particles of a disc have no uniform spacing; remove dust.offset"
         if dust.inner is not None and dust.outer is not None and dust.outer <= dust.inner:
             continue  # a general rule of dust reports this
         if dust.inner is not None and dust.inner >= draft.initial.outer:
-            yield ("dust", i, "inner"), "there is no gas beyond initial.outer; expected less than initial.outer"
+            yield (
+                ("dust", i, "inner"),
+                "the dust begins beyond initial.outer, where there is no gas; expected less than initial.outer",
+            )
         elif dust.outer is not None and dust.outer <= draft.initial.inner:
-            yield ("dust", i, "outer"), "there is no gas inside initial.inner; expected more than initial.inner"
+            yield (
+                ("dust", i, "outer"),
+                "the dust ends inside initial.inner, where there is no gas; expected more than initial.inner",
+            )
 
 
 # Previews

@@ -155,7 +155,7 @@ def _settle_in_double(state: State, effects: dict[str, Any]) -> None:
     if left > MAX_RESIDUAL:
         raise ValueError(
             f'gas.kernel: with kernel "{scene.gas.kernel}" and eta = {scene.gas.eta:g}, net forces of {left:.2g} '
-            'Omega^2 H remain in the layer; expected "wendland-c4" with eta = 2, or a smaller eta'
+            'Omega^2 H remain in the layer; set gas.kernel = "wendland-c4" and gas.eta = 2, or lower gas.eta'
         )
 
 
@@ -199,13 +199,16 @@ def layer_end_problems(draft: Draft) -> Iterator[Problem]:
     top = layer_top(draft) / height
     if top > 30.0:
         wrong = f"a layer {2.0 * top:.3g} scale heights thick has practically no gas at its ends"
-        yield ("initial", "vertical_extent"), f"{wrong}; expected a few scale heights c_s / Omega = {height:.3g}"
+        yield (
+            ("initial", "vertical_extent"),
+            f"{wrong}; expected a few scale heights H = c_s / Omega, where H is {height:.3g}",
+        )
         return
     share = math.sqrt(2.0 * math.pi) * math.erf(top / math.sqrt(2.0))
     needed = math.ceil(0.1 * share * top * math.exp(0.5 * top * top))
     if draft.gas.particles < needed:
-        wrong = f"{draft.gas.particles} are too few for a layer that reaches to {top:.3g} scale heights"
-        yield ("gas", "particles"), f"{wrong}; expected at least {needed}, or a smaller initial.vertical_extent"
+        wrong = f"{draft.gas.particles} particles are too few for a layer that reaches to {top:.3g} scale heights"
+        yield ("gas", "particles"), f"{wrong}; choose at least {needed} particles, or lower initial.vertical_extent"
 
 
 def sample_points(scene: Scene) -> SamplePoints:

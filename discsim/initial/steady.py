@@ -78,7 +78,7 @@ def _alpha_problems(draft: Draft) -> Iterator[Problem]:
     keys = draft.alpha_viscosity
     for key in ("inner_alpha", "outer_alpha", "dead_alpha"):
         if keys and getattr(keys, key) == 0.0:
-            yield ("alpha_viscosity", key), "Sigma of a steady disc is infinite where nu = 0; expected more than 0"
+            yield ("alpha_viscosity", key), "Sigma of a steady disc is infinite where nu = 0; expected a value above 0"
 
 
 START = disc.disc_start(

@@ -102,11 +102,11 @@ def problems(scene: Scene) -> Iterator[Problem]:
     bound = _largest_aspect_ratio(scene, found, worst)
     below = math.floor(100.0 * bound) / 100.0 if bound >= 0.1 else float(f"{0.995 * bound:.2g}")
     where = scene.units.show(found.radius[worst], "length")
-    other = "".join(f", or a wider background.{name}" for name in _steepening_features(scene))
+    other = "".join(f", or widen background.{name}" for name in _steepening_features(scene))
     yield (
         _temperature_key(scene),
         f"H/r is {found.aspect_ratio[worst]:.3g} at r = {where}, where pressure exceeds gravity: no "
-        f"circular orbit exists; expected H/r < {below:g} there{other}",
+        f"circular orbit exists; lower H/r below {below:g} there{other}",
     )
 
 
@@ -173,7 +173,7 @@ def warnings(scene: Scene) -> Iterator[str]:
         where = scene.units.show(found.radius[at], "length")
         yield (
             f"the gas rotates at {speed[at]:.2f} times the Keplerian velocity at {where}, below {SLOW_ROTATION:g}, "
-            f"where the pressure falls steeply: estimates for thin discs are wrong by as much; {_remedy(scene)}"
+            f"where the pressure falls steeply: estimates for thin discs have errors of this size; {_remedy(scene)}"
         )
     if scene.model.given is not None:
         with np.errstate(all="ignore"):

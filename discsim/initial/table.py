@@ -145,7 +145,7 @@ def warnings(scene: Scene) -> Iterator[str]:
     if abs(ratio[worst] - 1.0) > MAX_DIFFERENCE:
         yield (
             f"T of initial.file makes H/r {ratio[worst]:.3g} times that of gas.eos at "
-            f"{scene.units.show(r[worst], 'length')}, and the run uses T: leave the column T out, or change gas.eos"
+            f"{scene.units.show(r[worst], 'length')}, and the run uses T: remove the column T, or change gas.eos"
         )
 
 
@@ -157,7 +157,7 @@ def temperature_column_problems(draft: Draft) -> Iterator[Problem]:
     if draft.eos_kind not in kinds:
         words = " or ".join(f'"{kind}"' for kind in kinds)
         wrong = f'the file has a column T, but gas.eos.kind "{draft.eos_kind}" does not use it'
-        yield ("initial", "file"), f"{wrong}; expected gas.eos.kind = {words}, or no column T"
+        yield ("initial", "file"), f"{wrong}; set gas.eos.kind = {words}, or remove the column T"
 
 
 def resolution_column_problems(draft: Draft) -> Iterator[Problem]:
@@ -166,7 +166,7 @@ def resolution_column_problems(draft: Draft) -> Iterator[Problem]:
     if draft.gas and file.has("resolution"):
         times = file.values["resolution"].max() / file.values["resolution"].min()
         if times > MAX_MASS_RATIO:
-            wrong = f"the column resolution varies by a factor of {times:.3g}"
+            wrong = f'the column "resolution" varies by a factor of {times:.3g}'
             need = f"expected a factor of at most {MAX_MASS_RATIO:g}, for accurate SPH sums"
             yield ("initial", "file"), f"{wrong}; {need}"
 
@@ -178,7 +178,10 @@ def ratio_column_problems(draft: Draft) -> Iterator[Problem]:
         outer = min(dust.outer or np.inf, draft.initial.outer)
         file = draft.initial.file
         if file.has("ratio") and inner < outer and not file.ratio(np.geomspace(inner, outer, 1000)).any():
-            yield ("dust", i), "the column ratio is 0 everywhere between the edges of this dust; expected more than 0"
+            yield (
+                ("dust", i),
+                'the column "ratio" is 0 everywhere between the edges of this dust; expected a positive ratio',
+            )
 
 
 START = disc.disc_start(

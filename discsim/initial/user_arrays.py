@@ -54,10 +54,11 @@ def read_arrays(scene: Scene, particles: Any) -> ParticleArrays:
     arrays: ParticleArrays = {}
     for name in SPECIES:
         if (getattr(scene, name) is None) != (name not in particles):
-            wrong = (
-                f'particles has no key "{name}"' if name not in particles else "particles are given without this table"
-            )
-            problems.append(f"[{name}]: {wrong}; expected both or neither")
+            if name in particles:
+                wrong = f"particles are given without this table; add the table, or remove the key {name} of particles"
+            else:
+                wrong = f'particles has no key "{name}"; add the key, or remove the table'
+            problems.append(f"[{name}]: {wrong}")
         elif name in particles:
             arrays[name], faults = _read_species(scene, name, particles[name])
             problems += [f"particles: {name} {fault}" for fault in faults]
@@ -102,12 +103,12 @@ def _read_species(scene: Scene, name: str, given: Any) -> tuple[dict[str, Array]
     faults += [f"{key} is missing{why}" for key, why in _missing_arrays(scene, name, given)]
     if "u" in given and name == "gas" and not eos_of(scene).holds_heat:
         faults.append(
-            f'u is given, but the gas is "{scene.gas.eos.kind}", which has no energy equation; leave the array u out'
+            f'u is given, but the gas is "{scene.gas.eos.kind}", which has no energy equation; remove the array "u"'
         )
     if name == "dust" and "size" in given and not has_individual_sizes(scene):
-        faults.append("size is given, but dust.grain_size is not a size distribution; leave the array size out")
+        faults.append('size is given, but dust.grain_size is not a size distribution; remove the array "size"')
     if "small" in given and name == "gas" and scene.table("growth") is None:
-        faults.append("small is given, but there is no table [growth]; add [growth], or leave the array small out")
+        faults.append('small is given, but there is no table [growth]; add [growth], or remove the array "small"')
     arrays: dict[str, Array] = {}
     count = None
     for key in (key for key in known if key in given):
@@ -124,14 +125,17 @@ def _missing_arrays(scene: Scene, name: str, given: Mapping[str, Any]) -> Iterat
     """Yield (name, what is expected as text) for each required array of a species that is not in `given`."""
     for key in REQUIRED_ARRAYS:
         if key not in given:
-            yield key, f"; expected {_quoted(REQUIRED_ARRAYS)}"
+            yield key, f"; give all of the arrays {_quoted(REQUIRED_ARRAYS)}"
     if name == "dust" and len(scene.dust) > 1 and "species" not in given:
-        yield "species", f"; expected the index of each particle's population, 0 to {len(scene.dust) - 1}"
+        yield "species", f"; add an array of the index of each particle's population, 0 to {len(scene.dust) - 1}"
     if name == "dust" and has_individual_sizes(scene) and "size" not in given and scene.table("growth") is None:
-        yield "size", "; expected the radius of each particle's grains, as dust.grain_size is a size distribution"
+        yield (
+            "size",
+            "; add an array of the radius of each particle's grains, as dust.grain_size is a size distribution",
+        )
     eos: Any = scene.gas.eos if scene.gas else None
     if name == "gas" and eos_of(scene).holds_heat and "u" not in given and not (eos.sound_speed or eos.aspect_ratio):
-        yield "u", "; expected energies, or gas.eos.sound_speed or gas.eos.aspect_ratio in the scene"
+        yield "u", "; add an array of energies, or gas.eos.sound_speed or gas.eos.aspect_ratio to the scene"
 
 
 def _read_array(scene: Scene, name: str, key: str, values: Any, count: int | None) -> Array:
@@ -212,15 +216,18 @@ def _problems_between_arrays(scene: Scene, name: str, arrays: dict[str, Array]) 
             excess = arrays["small"] - mass
             if excess.max() >= 0.0:
                 i = int(excess.argmax())
-                yield f"small[{i}] is {arrays['small'][i]:g}, not below mass[{i}] = {mass[i]:g}; expected less"
+                yield (
+                    f"small[{i}] is {arrays['small'][i]:g}, not below mass[{i}] = {mass[i]:g}; expected "
+                    f"less than the particle's mass"
+                )
         if _count_movable(arrays) == 0:
-            yield "immobile is true for all particles; expected some that can move"
+            yield "immobile is true for all particles; set immobile to false for some particles"
         return
     arrays.setdefault("species", np.zeros(len(arrays["mass"]), np.int64))
     for number in range(len(scene.dust)):
         if _count_movable(arrays, number) == 0:
             yield (
-                f"species {number} has no particle that can move; expected some in each population, 0 to "
+                f"species {number} has no particle that can move; expected such particles in each population, 0 to "
                 f"{len(scene.dust) - 1}"
             )
 

@@ -136,8 +136,8 @@ def warnings(scene: Scene) -> Iterator[str]:
     yield from disc.warnings(scene)
     if uniform_viscosity(scene) is None:
         yield (
-            "nu is not uniform in space and constant in time, so this ring has no known exact solution: give "
-            "alpha_viscosity.nu, or an alpha_viscosity.index of (temperature index) - 1.5"
+            "nu is not uniform in space and constant in time, so this ring has no known exact solution: set "
+            "alpha_viscosity.nu, or set alpha_viscosity.index to q - 1.5, where q is gas.eos.temperature_index or 0"
         )
 
 

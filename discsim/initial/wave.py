@@ -122,7 +122,10 @@ def exact_curves(scene: Scene, time: float, x: Array) -> dict[str, Curve]:
 def direction_problems(draft: Draft) -> Iterator[Problem]:
     """Yield a problem if the wave has no direction."""
     if not any(draft.initial.direction):
-        yield ("initial", "direction"), "all entries are 0; expected at least one wavelength along x or y"
+        yield (
+            ("initial", "direction"),
+            "there are 0 wavelengths along x and y; expected at least one wavelength along x or y",
+        )
 
 
 START = Start(

@@ -77,8 +77,8 @@ def kernel_folder() -> Path:
     try:
         return _create_folder(_private_directory())
     except OSError:
-        cure = "set NUMBA_CACHE_DIR to a directory that can be written"
-        raise CacheError(f"no folder for compiled kernels can be written: {cure}") from None
+        cure = "set NUMBA_CACHE_DIR to a writable directory"
+        raise CacheError(f"no folder for compiled kernels is writable; {cure}") from None
 
 
 def is_temporary() -> bool:

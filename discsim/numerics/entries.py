@@ -42,7 +42,9 @@ def check_arrays(species: str, arrays: Mapping[str, Array], dimensions: int) -> 
         count = len(array) if count < 0 and array.ndim > 0 else count
         shape = (count, dimensions) if name in VECTORS else (count,)
         if array.shape != shape:
-            raise EntryError(f"{species}.{name} has shape {array.shape}; expected {shape}, as the other arrays")
+            raise EntryError(
+                f"{species}.{name} has shape {array.shape}; expected the shape {shape}, which the other arrays have"
+            )
         if not array.flags.carray:
             raise EntryError(
                 f"{species}.{name} is not C-contiguous, aligned and writeable; expected np.array(..., order='C')"
@@ -53,12 +55,12 @@ def check_arrays(species: str, arrays: Mapping[str, Array], dimensions: int) -> 
 def check_like(species: str, arrays: Mapping[str, Array], others: Mapping[str, Array]) -> None:
     """Raise EntryError unless `arrays` have the names, types and shapes of `others`; species: a name for messages."""
     if arrays.keys() != others.keys():
-        raise EntryError(f"{species} has the arrays {', '.join(arrays)}; expected {', '.join(others)}")
+        raise EntryError(f"{species} has the arrays {', '.join(arrays)}; expected the arrays {', '.join(others)}")
     for name, other in others.items():
         array = arrays[name]
         if not isinstance(array, np.ndarray) or array.dtype != other.dtype or array.shape != other.shape:
             found = f"{array.dtype} {array.shape}" if isinstance(array, np.ndarray) else f"a {type(array).__name__}"
-            raise EntryError(f"{species}.{name} is {found}; expected {other.dtype} {other.shape}")
+            raise EntryError(f"{species}.{name} has type and shape {found}; expected {other.dtype} {other.shape}")
 
 
 def check_ranges(species: str, arrays: Mapping[str, Array], populations: int = 0, time: float = math.inf) -> None:
@@ -72,7 +74,7 @@ def check_ranges(species: str, arrays: Mapping[str, Array], populations: int = 0
         _check(species, name, arrays, lambda array: array >= 0.0, "0 or a positive number")
     last = populations - 1
     _check(species, "species", arrays, lambda k: (k >= 0) & (k <= last), f"a population of the scene, 0 to {last}")
-    _check(species, "begun", arrays, lambda begun: begun <= time, f"at most its time, {time:g}")
+    _check(species, "begun", arrays, lambda begun: begun <= time, f"at most the time of the state, {time:g}")
 
 
 def check_finite(species: str, arrays: Mapping[str, Array]) -> None:

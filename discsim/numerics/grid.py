@@ -72,7 +72,7 @@ class Grid:
             if periodic and not np.isclose(count * cell, side, rtol=1e-9, atol=0):
                 raise ValueError(
                     f"space.size: {max(shape)} square cells along the longest side leave {side / cell:g} along "
-                    "another; a periodic box needs whole cells on each side: change space.cells"
+                    "another side; a periodic box needs a whole number of cells on each side: change space.cells"
                 )
         x, y, *_ = (*(-count * cell / 2 if scene.centred else 0.0 for count in shape), 0.0)
         nx, ny, *_ = (*shape, 1)  # in 1D ny = 1
@@ -180,7 +180,7 @@ class Grid:
         side.
         """
         if not self.periodic and min(self.shape) < 5:
-            raise ValueError(f"an open grid with gravity needs at least 5 cells a side, not {self.shape}")
+            raise ValueError(f"an open grid with gravity needs at least 5 cells along each side, not {self.shape}")
         out = np.empty((*self.shape, 2)) if out is None else out
         bordered = field.shape != out.shape[:2]
         begin, end = columns or np.array([[0], [out.shape[1]]]).repeat(len(out), axis=1)

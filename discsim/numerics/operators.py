@@ -178,7 +178,9 @@ class ParticleView:
         if name not in ("acc", "acc_unshared"):
             setattr(self._particles, name, value)
         elif value is not getattr(self, name):  # as `+=` sets the array that it has changed
-            raise AttributeError(f"{name} is a sum of several forces; expected a change in place, like {name} += ...")
+            raise AttributeError(
+                f"{name} is a sum of several forces and cannot be replaced; change it in place, like {name} += ..."
+            )
 
 
 class View:

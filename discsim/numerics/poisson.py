@@ -106,7 +106,7 @@ class Poisson:
 
     def __init__(self, shape: tuple[int, int], cell: float, kernel: Kernel, periodic: bool, border: int = 0) -> None:
         if not periodic and 1 in shape:
-            raise ValueError("self-gravity with open boundaries needs two dimensions; make the box periodic")
+            raise ValueError('self-gravity with open boundaries needs two dimensions; set space.boundary = "periodic"')
         if periodic and border:
             raise ValueError(f"a periodic grid has no nodes beyond its edges; expected border = 0, not {border}")
         self.shape, self.border = shape, border

@@ -23,7 +23,7 @@ Scalar = str | int | float | bool
 PARTICLES = ("gas", "dust", "own_acc")  # groups of arrays with one row per particle
 ROWS_PER_CHECK = 1 << 20  # largest number of rows that `check_checkpoint` holds in memory
 MAX_WHOLE = 1 << 53  # largest whole number; floats represent all whole numbers up to it
-REMEDY = "move this file away to resume from the checkpoint before it"
+REMEDY = "move this file away to resume from the previous checkpoint"
 
 
 class CheckpointError(UserError):
@@ -39,7 +39,8 @@ class Entries(dict[str, Any]):
 
     def __missing__(self, name: str) -> NoReturn:
         raise CheckpointError(
-            f"{self.path}: the checkpoint has no {name!r}: it is damaged, or written by another version of discsim; "
+            f"{self.path}: the checkpoint has no {name!r}; it is damaged, or was written by another version "
+            f"of discsim; "
             f"{REMEDY}"
         )
 
@@ -73,7 +74,7 @@ class Values(Entries):
     def text(self, name: str) -> str:
         """Return the value `name`, which must be a text."""
         if not isinstance(self[name], str):
-            self.refuse(name, "a text")
+            self.refuse(name, "text")
         return str(self[name])
 
     def refuse(self, name: str, expected: str) -> NoReturn:
@@ -151,7 +152,7 @@ def _read(
 def _scalar(value: Any, name: str) -> Scalar:
     """Return an attribute of the group "values" as a Python object. Raises EntryError for an array."""
     if np.ndim(value) != 0:
-        raise EntryError(f"/values@{name} has shape {np.shape(value)}; expected one value")
+        raise EntryError(f"/values@{name} has shape {np.shape(value)}; expected a single value")
     return hdf5.decode_text(value, f"/values@{name}") if isinstance(value, bytes) else value.item()
 
 
@@ -163,5 +164,7 @@ def other_version_warning(values: Values) -> str:
     """Return the text of a warning if another version of discsim wrote the checkpoint with these values, else ""."""
     if values.version == __version__:
         return ""
-    versions = f"{values.path} was written by discsim {values.version}, and this is {__version__}"
-    return printable(f"{versions}: the run continues, but its results differ by rounding from those of the other")
+    versions = f"{values.path} was written by discsim {values.version}, and this is discsim {__version__}"
+    return printable(
+        f"{versions}: the run continues, but its results differ by rounding from results of discsim {values.version}"
+    )

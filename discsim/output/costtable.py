@@ -32,9 +32,9 @@ def read_costs(path: Path) -> list[Cost]:
     try:
         lines = list(csv.reader(read_text(path).splitlines()))
     except (ValueError, csv.Error):  # no UTF-8, or a field without end
-        raise CostsError(f"{path}: not a table; expected the costs.csv of a run; {REMEDY}") from None
+        raise CostsError(f"{path}: not a text table like the costs.csv of a run; {REMEDY}") from None
     if not lines or lines[0] != [*COLUMNS]:
-        raise CostsError(f"{path}:1: not the header of costs.csv; expected {','.join(COLUMNS)}; {REMEDY}")
+        raise CostsError(f"{path}:1: not the header of costs.csv, {','.join(COLUMNS)}; {REMEDY}")
     return [_cost(path, number, line) for number, line in enumerate(lines[1:], 2)]
 
 
@@ -46,5 +46,5 @@ def _cost(path: Path, number: int, line: list[str]) -> Cost:
     except ValueError:
         found = Cost("", 0, math.nan, math.nan)
     if not (math.isfinite(found.seconds) and math.isfinite(found.share)):
-        raise CostsError(f"{path}:{number}: not a row of costs.csv; expected {','.join(COLUMNS)}; {REMEDY}")
+        raise CostsError(f"{path}:{number}: not a row of costs.csv, with the columns {','.join(COLUMNS)}; {REMEDY}")
     return found

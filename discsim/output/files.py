@@ -29,7 +29,7 @@ def refuse_special(path: str | os.PathLike[str]) -> None:
     with suppress(FileNotFoundError):
         mode = os.lstat(path).st_mode
         if not stat.S_ISREG(mode):
-            wrong = f"is {kind_of(mode)}; expected a plain file there, or a new name"
+            wrong = f"is {kind_of(mode)}; choose the name of a plain file or of a new file"
             raise OSError(errno.EINVAL, wrong, os.fspath(path))
 
 

@@ -92,7 +92,7 @@ def _check_digest(file: IO[bytes]) -> None:
     digest = file.read()
     file.seek(0)
     if hashlib.sha256(file.read(length)).digest() != digest:
-        raise OSError("its checksum is wrong; expected the file as it was written")
+        raise OSError("its checksum is wrong, so the file was changed after it was written")
 
 
 def _has_bytes(path: Path, content: np.ndarray) -> bool:
@@ -120,14 +120,15 @@ class CheckedDataset:
         self._stored, self.name, shape = stored, name, stored.shape
         if shape is None or len(shape) == 0 or (row_shape is not None and shape[1:] != row_shape):
             wanted = ", ".join(map(str, ("n", *(row_shape or ()))))
-            raise EntryError(f"{name} has shape {shape}; expected ({wanted}{',' if not row_shape else ''})")
+            raise EntryError(f"{name} has shape {shape}; expected the shape ({wanted}{',' if not row_shape else ''})")
         self.dtype, self.shape = stored.dtype, tuple(map(int, shape))
         if self.dtype.kind not in kinds or self.dtype.subdtype is not None:
             wanted = "numbers" if "f" in kinds else "truth values" if kinds == "b" else "whole numbers"
-            raise EntryError(f"{name} holds {self.dtype}; expected {wanted}")
+            raise EntryError(f"{name} has the type {self.dtype}; expected {wanted}")
         if stored.external:
             raise EntryError(
-                f"{name} is stored in other files ({clipped(stored.external[0][0])}); expected its rows in this file"
+                f"{name} is stored in other files ({clipped(stored.external[0][0])}); "
+                "expected all its rows in this file"
             )
         if not stored.is_virtual:
             self._check_size()
@@ -144,10 +145,13 @@ class CheckedDataset:
         if size > limit or stored_size > Path(stored.file.filename).stat().st_size:
             raise EntryError(
                 f"{self.name} declares {len(self)} rows, {size} bytes, but the stored data has {stored_size} bytes; "
-                "expected the same size"
+                "expected equal sizes"
             )
         if stored.chunks and math.prod(stored.chunks) * self.dtype.itemsize > max(size, LARGEST_CHUNK):
-            raise EntryError(f"{self.name} has chunks of shape {stored.chunks}; expected smaller chunks")
+            raise EntryError(
+                f"{self.name} has chunks of shape {stored.chunks}; "
+                f"expected chunks of at most {max(size, LARGEST_CHUNK)} bytes"
+            )
 
     def text(self, name: str) -> str:
         """Return an attribute as text."""
@@ -171,7 +175,7 @@ class CheckedDataset:
         parts = parts_of(master)
         if not parts:
             wrong = "refers to rows in other files, but this file names no parts"
-            raise EntryError(f"{self.name} {wrong}; expected a snapshot or checkpoint as discsim wrote it")
+            raise EntryError(f"{self.name} {wrong}; expected an unchanged snapshot or checkpoint of discsim")
         file_id = master.text(FILE_ID)
         path, end = self._stored.name, 0
         for source in self._stored.virtual_sources():
@@ -181,16 +185,18 @@ class CheckedDataset:
             part = Path(self._stored.file.filename).parent / source.file_name
             if low != begin or part not in parts or source.dset_name != path:
                 wrong = f"{self.name} has rows in {clipped(source.file_name)}"
-                raise EntryError(f"{wrong}; expected them in the parts of this file")
+                raise EntryError(f"{wrong}; expected its rows in the part files that this file names")
             one, other = max(first, begin), min(last, end)
             if one < other:
                 with _open_part(part, file_id) as held:
                     found = held.dataset_at(path, self.dtype.kind, self.shape[1:])
                     if len(found) != end - begin or found.dtype != self.dtype:
-                        raise EntryError(f"part {part}: {path} has {len(found)} rows; expected {end - begin}")
+                        raise EntryError(f"part file {part}: {path} has {len(found)} rows; expected {end - begin} rows")
                     out[one - first : other - first] = found.read(slice(one - begin, other - begin))
         if end != len(self):
-            raise EntryError(f"{self.name} has {end} of its {len(self)} rows in parts; expected all of them")
+            raise EntryError(
+                f"{self.name} has {len(self)} rows, but the part files have {end} rows; expected equal numbers"
+            )
         return out
 
 
@@ -216,9 +222,9 @@ class CheckedGroup:
         """Return the group or dataset `name`. Raises EntryError if it is missing or a link."""
         link = self._group.get(name, getlink=True)
         if link is None:
-            raise EntryError(f"{self._name(name)} is missing; expected it in the file")
+            raise EntryError(f"{self._name(name)} is missing in the file")
         if not isinstance(link, h5py.HardLink):
-            raise EntryError(f"{self._name(name)} is a link to another object or file; expected the data itself")
+            raise EntryError(f"{self._name(name)} is a link to another object or file; expected the data")
         return self._group[name]
 
     def __contains__(self, name: str) -> bool:
@@ -252,7 +258,7 @@ class CheckedGroup:
         """Return the array `name`, which must have `count` rows; `kinds` and `row_shape` are as in `dataset`."""
         stored = self.dataset(name, kinds, row_shape)
         if len(stored) != count:
-            raise EntryError(f"{stored.name} has {len(stored)} rows; expected {count}, as the other columns")
+            raise EntryError(f"{stored.name} has {len(stored)} rows; expected {count} rows, as in the other columns")
         return stored.read()
 
     def dataset_at(self, path: str, kinds: str, row_shape: tuple[int, ...]) -> CheckedDataset:
@@ -304,19 +310,19 @@ def attribute_of(owner: h5py.Group | h5py.Dataset, name: str) -> Any:
     """Return an attribute of a group or dataset: numbers or bytes, of limited size. Raises EntryError."""
     where = f"{owner.name.rstrip('/')}@{name}"
     if name not in owner.attrs:
-        raise EntryError(f"{where} is missing; expected it in the file")
+        raise EntryError(f"{where} is missing in the file")
     found = owner.attrs.get_id(name)
     if found.shape is None or found.dtype.kind not in "biufS":
-        raise EntryError(f"{where} holds {found.dtype}; expected numbers or bytes of text")
+        raise EntryError(f"{where} has the type {found.dtype}; expected numbers or text")
     if math.prod(found.shape) * found.dtype.itemsize > LARGEST_ATTRIBUTE:
-        raise EntryError(f"{where} has shape {found.shape}; expected fewer entries")
+        raise EntryError(f"{where} has shape {found.shape}; expected at most {LARGEST_ATTRIBUTE} bytes")
     return owner.attrs[name]
 
 
 def decode_text(value: Any, name: str) -> str:
     """Decode bytes as UTF-8 text. Raises EntryError with the `name` of the entry if this fails."""
     if not isinstance(value, bytes):
-        raise EntryError(f"{name} is not a text; expected a text")
+        raise EntryError(f"{name} is not text; expected text")
     try:
         return value.decode()
     except UnicodeDecodeError:
@@ -332,7 +338,11 @@ def open_checked(path: str | os.PathLike[str]) -> Iterator[CheckedGroup]:
     with open_plain(path) as plain:
         there = os.fstat(plain.fileno())
         if there.st_size > MAX_SPARSENESS * max(getattr(there, "st_blocks", math.inf) * 512, _BLOCK):
-            raise OSError(errno.EINVAL, f"is shorter than the {there.st_size} bytes that it declares", os.fspath(path))
+            raise OSError(
+                errno.EINVAL,
+                f"is a sparse file with less data on disk than its size of {there.st_size} bytes",
+                os.fspath(path),
+            )
         _check_digest(plain)
     with h5py.File(path, "r") as file:
         yield CheckedGroup(file)
@@ -348,19 +358,21 @@ def open_file_of_kind(path: str | os.PathLike[str], error: type[Exception], kind
     try:
         with open_checked(path) as file:
             if "discsim" not in file.attributes or file.attribute("discsim") != np.bytes_(kind):
-                raise error(f"{path}: not a {kind} of discsim, but another HDF5 file; give a file that discsim wrote")
+                raise error(f"{path}: not a {kind} of discsim, but another HDF5 file; use a {kind} that discsim wrote")
             for part in parts_of(file):
                 if not part.exists():
-                    raise error(f"{path}: its part {part} is missing; expected all parts in the same folder")
+                    raise error(f"{path}: the part file {part} is missing; restore all part files of this {kind}")
             yield file
     except error:
         raise
     except FileNotFoundError:
-        raise error(f"{path}: file not found") from None
+        raise error(f"{path}: file not found; use the path of an existing {kind}") from None
     except PermissionError:
-        raise error(f"{path}: not readable: permission denied") from None
+        raise error(f"{path}: permission denied; make the file readable") from None
     except MemoryError as fault:
-        raise error(f"{path}: too large for the memory of this machine") from fault
+        raise error(
+            f"{path}: the file needs more memory than this machine has; use a machine with more memory"
+        ) from fault
     except (OSError, LookupError, ValueError, TypeError, AttributeError, RuntimeError, ArithmeticError) as fault:
         raise error(f"{path}: not a {kind}, or a damaged {kind}: {_reason(fault)}; use another {kind}") from fault
 
@@ -390,7 +402,7 @@ def parts_of(file: CheckedGroup) -> list[Path]:
     for name in found:
         folder, _, last = name.partition("/")
         if folder != files.PARTS or last in ("", ".", "..") or "/" in last or "\0" in last:
-            raise EntryError(f"one of its parts is named {clipped(name)}; expected a name like {files.PARTS}/0003.0.h5")
+            raise EntryError(f"a part file has the name {clipped(name)}; expected a name like {files.PARTS}/0003.0.h5")
     return [file.folder / name for name in found]
 
 
@@ -404,16 +416,17 @@ def _open_part(path: Path, file_id: str) -> Iterator[CheckedGroup]:
         with open_checked(path) as file:
             if file.text(FILE_ID) != file_id:
                 raise OSError(
-                    "this part belongs to another snapshot or checkpoint; expected the part written with this file"
+                    "the part file belongs to another snapshot or checkpoint; "
+                    "expected the part file that was written with this file"
                 )
             yield file
     except (OSError, LookupError, ValueError, RuntimeError) as fault:
-        raise OSError(f"part {path}: {_reason(fault)}") from fault
+        raise OSError(f"part file {path}: {_reason(fault)}") from fault
 
 
 def _reason(fault: Exception) -> str:
     """Return the first line of an error as printable text, or a general text for an internal error of h5py."""
     if not isinstance(fault, OSError | EntryError):
-        return "its contents cannot be read"
+        return "the data in the file cannot be read"
     line = (getattr(fault, "strerror", None) or str(fault)).partition("\n")[0]
     return printable(line)

@@ -117,25 +117,25 @@ def rows_until(path: Path, step: int, count: int, digest: str, columns: Sequence
     a warning. With `digest` "" the content is not compared. Raises HistoryError if the file cannot be read, or if a row
     up to the checkpoint is damaged.
     """
-    remedy = "Repair the file, or move it away to continue without its rows"
+    remedy = "repair the file, or move it away to continue without its rows"
     try:
         head, table, complete = _read(path, columns)
     except OSError as fault:
-        raise HistoryError(f"{system_message(fault, 'read', path)}. {remedy}") from None
+        raise HistoryError(f"{system_message(fault, 'read', path)}; {remedy}") from None
     rows = [row for row in complete[:count] if int(row[0]) <= step]
     line = len(complete) + 2 if head == [*columns] else 1
     if len(rows) < count and len(complete) < len(table):
         wrong = (
-            f"not a row of history.csv; expected {len(columns)} entries"
-            if line > 1
-            else "not the header of history.csv"
+            f"not a row of history.csv, with {len(columns)} numbers" if line > 1 else "not the header of history.csv"
         )
-        raise HistoryError(f"{path}:{line}: {wrong}. {remedy}")
+        raise HistoryError(f"{path}:{line}: {wrong}; {remedy}")
     if len(complete) >= count and digest not in ("", hashlib.sha256(_csv_text(complete[:count]).encode()).hexdigest()):
-        raise HistoryError(f"{path}:2: the {count} rows from here on differ from those that the run wrote. {remedy}")
+        raise HistoryError(
+            f"{path}:2: the {count} rows from this line on differ from the rows that the run wrote; {remedy}"
+        )
     remarks = []
     if len(rows) != count:
-        remarks.append(f"{path} has {len(rows)} rows up to step {step}, but the run wrote {count}")
+        remarks.append(f"{path} has {len(rows)} rows up to step {step}, but the run wrote {count} rows")
     if len(complete) < len(table):
         remarks.append(f"{path}:{line}: an incomplete row after the checkpoint is removed; the run writes it again")
     return RestoredRows(rows, remarks)

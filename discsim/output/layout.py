@@ -35,7 +35,7 @@ COMMON = {
     "pos": Field("Coordinates", "length", "positions, shifted into the box"),
     "vel": Field("Velocities", "velocity", "velocities"),
     "mass": Field("Masses", "mass", "masses"),
-    "ids": Field("ParticleIDs", "", "identities, kept through a run"),
+    "ids": Field("ParticleIDs", "", "identities, constant during a run"),
     "immobile": Field("Immobile", "", "1 for boundary particles that never move"),
 }
 GAS = COMMON | {

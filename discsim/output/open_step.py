@@ -93,10 +93,12 @@ def read(group: hdf5.CheckedGroup, counts: dict[str, int], dimensions: int, time
         check_finite(species, arrays[species])
         check_ranges(species, arrays[species], populations=1, time=time)
         if species == "bodies" and not {*BODY_ARRAYS} <= arrays[species].keys():
-            raise EntryError(f"{GROUP} lacks arrays of the star and its companions; expected {', '.join(BODY_ARRAYS)}")
+            raise EntryError(
+                f"{GROUP} lacks arrays of the star and its companions; expected the arrays {', '.join(BODY_ARRAYS)}"
+            )
     pace = SubcycleClock(*map(float, held.numbers("pace", (2,), finite=False))) if "pace" in held.attributes else None
     lag, step = held.number("lag"), held.whole("step")
     if lag < 0.0 or step < 0 or (pace is not None and not (pace.since >= 0.0 and pace.rate > 0.0)):
         wrong = f"{GROUP} has lag {lag:g}, step {step} and clock of growth {pace and tuple(pace)}"
-        raise EntryError(f"{wrong}; expected numbers of 0 or more, and a positive rate")
+        raise EntryError(f"{wrong}; expected numbers of 0 or more, and in the clock of growth a positive rate")
     return OpenStep(lag, step, arrays, pace)

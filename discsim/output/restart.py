@@ -79,7 +79,7 @@ def _validated_file(value: Any, info: ValidationInfo) -> SnapshotFile:
     try:
         snap = _snapshot(SnapshotFile(found.path, found.digest))
     except snapshots.SnapshotError as error:
-        raise fault(f"{error}; expected a snapshot of discsim") from None
+        raise fault(f"{error}; use a snapshot of discsim") from None
     tables = snap.tables.get("dust", [])
     populations = len(tables) if isinstance(tables, list) else 1
     numbers = () if snap.dust is None else np.bincount(_population_of(snap.dust), minlength=populations)
@@ -272,21 +272,22 @@ def check_snapshot_fits(draft: Draft) -> Iterator[Problem]:
     """Yield a key and a message for each contradiction between a scene and its snapshot."""
     file: Any = draft.initial.file
     if draft.initial.refine > 1 and draft.initial.thin > 1:
-        yield ("initial", "thin"), "initial.refine is also given; expected only one of the two"
+        yield ("initial", "thin"), "initial.refine is also given; keep initial.refine or initial.thin"
     if draft.initial.keep_time and draft.run is not None and draft.run.until <= file.time:
-        wrong = "run.until is not later than the snapshot"
-        yield ("run", "until"), f"{wrong}; expected more than {file.time_text}, or no initial.keep_time"
+        wrong = "the end time is not later than the snapshot"
+        yield ("run", "until"), f"{wrong}; choose a time after {file.time_text}, or remove initial.keep_time"
     if file.dimensions != draft.dimensions:
         yield (
             ("initial", "file"),
-            f"the snapshot has {file.dimensions} dimensions; expected {draft.dimensions}, as in space.dimensions",
+            f"the snapshot has {file.dimensions} dimensions, but space.dimensions is {draft.dimensions}; use "
+            f"another snapshot, or change space.dimensions",
         )
     if draft.has("gas") and file.gas == 0:
         yield ("gas",), "initial.file contains no gas; remove the table [gas]"
     have, wanted = len(draft.dust or ()), len(file.dust)
     if draft.has("dust") and have != wanted:
         holds = f"{wanted} population{'s' * (wanted != 1)} of dust" if wanted else "no dust"
-        yield ("dust",), f"initial.file contains {holds}; expected one [[dust]] table for each, or no [dust]"
+        yield ("dust",), f"initial.file contains {holds}; give {wanted or 'no'} [[dust]] table{'s' * (wanted != 1)}"
 
 
 # Previews
@@ -374,11 +375,11 @@ def reference_density(scene: Scene) -> float:
     if found is None:
         try:  # written by an earlier version, or the start has none
             if snap.tables["initial"]["kind"] == scene.initial.kind:
-                raise SceneError(["that run started from a snapshot too"])
+                raise SceneError(["the run of the snapshot started from a snapshot itself"])
             return profile.reference_density(load_scene(snap.tables, folder=path.parent))
         except (SceneError, KeyError, TypeError):
-            wrong = f"{path}: the run of this snapshot had no Sigma_ref, the density to which drag laws refer"
-            raise SceneError([f'{wrong}; expected a drag.law other than "{scene.drag.law}"']) from None
+            wrong = f"{path}: the run of this snapshot had no Sigma_ref, the reference density of drag laws"
+            raise SceneError([f'{wrong}; choose a drag.law other than "{scene.drag.law}"']) from None
     return found if snap.units == scene.units else float(scene.units.to_code(snap.units.quantity(found, "density")))
 
 

@@ -487,11 +487,11 @@ def snapshot_files(source: str | os.PathLike[str]) -> list[Path]:
     path = Path(source)
     if not path.is_dir():
         if not path.exists():
-            raise SnapshotError(f"{path}: file not found; expected the directory of a run, or a snapshot")
+            raise SnapshotError(f"{path}: file not found; give the directory of a run, or a snapshot")
         return [path]
     files = sorted((path / "snapshots").glob("*.h5")) or sorted(path.glob("[0-9]*.h5"))
     if not files:
-        raise SnapshotError(f"{path}: no snapshots found; expected the directory of a run, or a snapshot")
+        raise SnapshotError(f"{path}: no snapshots found; give the directory of a run, or a snapshot")
     return files
 
 
@@ -523,7 +523,8 @@ def read_snapshot(path: str | os.PathLike[str], columns: Collection[str] | None 
         origin, size = (own.numbers(name, (dimensions,)) for name in ("origin", "size"))
         support = own.number("support")
         if not (support > 0.0 and (size > 0.0).all()):
-            wrong = f"its kernel support is {support:g} and its box {' x '.join(f'{side:g}' for side in size)}"
+            sides = " x ".join(f"{side:g}" for side in size)
+            wrong = f"the kernel support is {support:g}, and the box has the sides {sides}"
             raise EntryError(f"{wrong}; expected positive numbers")
         text = hdf5.decode_text(own.dataset("Scene", "u", ()).read().tobytes(), "/discsim/Scene")
         tables = tables_of(text, units)
@@ -533,8 +534,8 @@ def read_snapshot(path: str | os.PathLike[str], columns: Collection[str] | None 
         counts = {kind: particles.count for kind, particles in kinds.items()}
         bodies = table_count(tables, "star") + table_count(tables, "companion")
         if counts.get("bodies", bodies) != bodies:
-            wrong = f"it contains {counts['bodies']} bodies, but the scene in it has {bodies}"
-            raise EntryError(f"{wrong}; expected the same number")
+            wrong = f"the file contains {counts['bodies']} bodies, but its scene has {bodies} bodies"
+            raise EntryError(f"{wrong}; expected equal numbers")
         reference, time = "reference_density", time_of(file)
         return Snapshot(
             time=time,
@@ -569,7 +570,7 @@ def _particles_of(
         arrays["vel"] = arrays["vel"][:, : units.dimensions]
     check_finite(kind, {name: array for name, array in arrays.items() if name in FINITE})
     if populations > 1 and kind == "dust" and "species" not in arrays and wanted("species"):
-        raise EntryError("its group of dust has no dataset Species; expected the population number of each particle")
+        raise EntryError("the dust has no dataset Species, which contains the population number of each particle")
     check_ranges(kind, arrays, populations)
     if "h" in arrays:
         arrays["h"] = arrays["h"] / own.number("support")

@@ -33,13 +33,13 @@ def units_of(file: hdf5.CheckedGroup) -> Units:
     own = file.group("discsim")
     texts, dimensions = own.texts("units"), own.whole("dimensions")
     if len(texts) != 3 or dimensions not in (1, 2):
-        wrong = f"it has {len(texts)} units and {dimensions} dimensions"
-        raise EntryError(f"{wrong}; expected 3 units, and 1 or 2 dimensions")
+        wrong = f"the file has {len(texts)} units and {dimensions} dimensions"
+        raise EntryError(f"{wrong}; expected 3 units (system, length and mass), and 1 or 2 dimensions")
     system, length, mass = texts
     try:
         return Units(system, dimensions, length, mass)
     except UnitError as fault:
-        raise EntryError(f"the units stored in it are wrong: {fault}") from None
+        raise EntryError(f"the units in the file are wrong: {fault}") from None
 
 
 def read_columns(
@@ -74,28 +74,30 @@ def tables_of(text: str, units: Units) -> dict[str, Any]:
     try:
         tables = tomllib.loads(text)
     except (ValueError, RecursionError) as fault:
-        raise EntryError(f"the scene stored in it is not valid TOML: {fault}") from None
+        raise EntryError(f"the scene in the file is not valid TOML: {fault}") from None
     if "space" not in tables or not tables.keys() & {"gas", "dust"}:
-        raise EntryError("the scene stored in it lacks [space], or both [gas] and [dust]; expected the scene of a run")
+        raise EntryError(
+            "the scene in the file lacks [space], or has neither [gas] nor [dust]; expected the scene of a run"
+        )
     for name, table in tables.items():
         listed = isinstance(table, list) and all(isinstance(each, dict) for each in table)
         if not (isinstance(table, str) if name == "title" else isinstance(table, dict) or listed):
-            raise EntryError(f"{name} in the scene stored in it is {clipped(repr(table))}; expected a table")
+            raise EntryError(f"{name} in the scene of the file is {clipped(repr(table))}; expected a table")
     for path in TEXT_KEYS:
         table, key = tables.get(path[0], {}), path[1]
         if not isinstance(table, dict) or not isinstance(table.get(key, ""), str):
-            raise EntryError(f"{path[0]}.{key} in the scene stored in it is not a text; expected a text")
+            raise EntryError(f"{path[0]}.{key} in the scene of the file is not text; expected text")
     companions = tables.get("companion", [])
     for each in [companions] if isinstance(companions, dict) else companions:
         if not isinstance(each.get("eccentricity", 0.0), int | float):
-            raise EntryError("companion.eccentricity in the scene stored in it is not a number; expected a number")
+            raise EntryError("companion.eccentricity in the scene of the file is not a number; expected a number")
     star = tables.get("star")
     for key in ("mass", "softening") if star is not None else ():
         value = star.get(key, 0.0 if key == "softening" else None)
         try:
             in_code(units, value, {"mass": "mass", "softening": "length"}[key])
         except (TypeError, ValueError) as fault:
-            raise EntryError(f"star.{key} in the scene stored in it is {clipped(repr(value))}: {fault}") from None
+            raise EntryError(f"star.{key} in the scene of the file is {clipped(repr(value))}: {fault}") from None
     return tables
 
 

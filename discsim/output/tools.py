@@ -104,7 +104,9 @@ def to_sarracen(snap: Snapshot, species: str) -> Any:
 def _import_tool(snap: Snapshot, name: str) -> Any:
     """Import and return the package `name`. Raises ImportError if it is missing, ValueError for a 1D snapshot."""
     if snap.dimensions != 2:
-        raise ValueError(f"to_{name}() needs a snapshot in two dimensions, but this one has one; use to_pandas()")
+        raise ValueError(
+            f"to_{name}() needs a snapshot in two dimensions, but this snapshot is in one dimension; use to_pandas()"
+        )
     try:
         return import_module(name)
     except ImportError as error:

@@ -35,7 +35,7 @@ Array = np.ndarray
 def _not_isothermal(value: float) -> float:
     # The thermal energy P / (gamma - 1) diverges at gamma = 1.
     if value == 1.0:
-        raise fault('gamma = 1 is isothermal gas; expected kind = "isothermal" with sound_speed = sqrt(constant)')
+        raise fault('gamma = 1 is isothermal gas; set kind = "isothermal" and sound_speed = sqrt(constant)')
     return value
 
 
@@ -92,9 +92,9 @@ def _temperature_problems(draft: Draft) -> Iterator[Problem]:
     eos = draft.gas.eos
     is_given = getattr(draft.start, "sets_pressure", False) or getattr(draft.initial, "sets_temperature", False)
     if eos.sound_speed is not None and eos.aspect_ratio is not None:
-        yield ("gas", "eos", "sound_speed"), "aspect_ratio is also given; expected only one of the two"
+        yield ("gas", "eos", "sound_speed"), "gas.eos.aspect_ratio is also given; keep sound_speed or aspect_ratio"
     elif eos.sound_speed is None and eos.aspect_ratio is None and draft.start and not is_given:
-        yield ("gas", "eos"), "no temperature at the start is given; expected sound_speed or aspect_ratio"
+        yield ("gas", "eos"), "no temperature at the start is given; add the key sound_speed or aspect_ratio"
     if eos.aspect_ratio is not None:
         yield from missing_tables(draft, ("gas", "eos", "aspect_ratio"), {"star": "H/r needs a star"})
 
@@ -103,7 +103,7 @@ def _toomre_problems(draft: Draft) -> Iterator[Problem]:
     """Yield a problem of initial.toomre_q in a polytropic disc whose Toomre Q does not depend on its mass."""
     if getattr(draft.initial, "toomre_q", None) is not None and draft.gas.eos.gamma == 3.0:
         wrong = "Toomre Q of a polytropic disc with gamma = 3 does not depend on its mass"
-        yield ("initial", "toomre_q"), f"{wrong}; expected mass or surface_density"
+        yield ("initial", "toomre_q"), f"{wrong}; replace toomre_q by mass or surface_density"
 
 
 SqrtLaw = tuple[float, float, bool]  # c_s at a reference radius, this radius, and whether c_s ~ r^(-1/4), else r^(-1/2)

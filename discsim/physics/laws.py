@@ -166,21 +166,21 @@ def _grain_problems(draft: Draft) -> Iterator[Problem]:
     for i, dust in enumerate(draft.dust or ()):
         for key in ("grain_size", "grain_density"):
             if getattr(dust, key) is None:
-                yield ("dust", i, key), f'missing, but drag.law "{draft.drag.law}" needs it; expected this key too'
+                yield ("dust", i, key), f'missing, but required by drag.law = "{draft.drag.law}"; add this key'
 
 
 def _height_problems(draft: Draft) -> Iterator[Problem]:
     """Yield a problem of a 2D scene without a star, in which volume densities are not defined."""
     if draft.dimensions == 2 and not draft.has("star"):
         wrong = "rho_g = Sigma / (sqrt(2 pi) H) with H = c_s / Omega needs a star"
-        yield ("drag", "law"), f"{wrong}; expected [star] too"
+        yield ("drag", "law"), f"{wrong}; add a table [star]"
 
 
 def _column_problems(draft: Draft) -> Iterator[Problem]:
     """Yield a problem of a missing drag.mean_free_column, which has no default in code units."""
     if draft.drag.mean_free_column is None and draft.in_code_units:
-        wrong = f'missing, but law "{draft.drag.law}" needs it in code units'
-        yield ("drag", "mean_free_column"), f"{wrong}; expected this key too"
+        wrong = f'missing, but required by drag.law = "{draft.drag.law}" in code units'
+        yield ("drag", "mean_free_column"), f"{wrong}; add this key"
 
 
 def _orbit_problems(draft: Draft) -> Iterator[Problem]:
@@ -194,7 +194,7 @@ def _disc_problems(draft: Draft) -> Iterator[Problem]:
     if not (draft.has("star") and in_a_disc):
         wrong = "t_stop = (stokes / Omega) Sigma_ref / Sigma needs a disc about a star"
         words = quoted(starts_where(lambda start: start.reference_density))
-        yield ("drag", "law"), f"{wrong}; expected initial.kind = {words} or [background], and [star]"
+        yield ("drag", "law"), f"{wrong}; add [star], and set initial.kind = {words} or add [background]"
 
 
 EPSTEIN = StoppingTimeLaw(

@@ -80,7 +80,10 @@ def draw_phase(axes: Axes, snap: Snapshot, name: str, against: str, display: Dis
     for each, field in zip((against, name), fields, strict=True):
         if field.kind != "particles" or field.species != fields[1].species:
             of = fields[1].species or "one species"
-            raise PlotError(f"{each}: not a particle field of {of}; expected two fields of the same species, like v_r")
+            raise PlotError(
+                f"{each}: not a particle field of {of}; choose particle fields of one species, like "
+                f"dust.v_r, for the two axes"
+            )
     values = [field.factor(snap.units) * field.values(snap) for field in fields]
     cells = int(np.clip(0.7 * len(values[0]) ** 0.5, 20, MAX_CELLS))
     edges = [_bin_edges(field, array, cells) for field, array in zip(fields, values, strict=True)]

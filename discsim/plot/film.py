@@ -54,7 +54,10 @@ class Film:
         refuse_special(path)
         files = snapshot_files(self.source)
         if len(files) < 2:
-            raise PlotError(f"{self.source}: a film needs several snapshots; expected the directory of a run")
+            raise PlotError(
+                f"{self.source}: a film needs several snapshots; give the directory of a run with at least "
+                f"two snapshots"
+            )
         if times_and_units(files[:1])[1].dimensions == 1:
             raise PlotError(f"{self.source}: a run in one dimension has no map to film; use `discsim plot --time`")
         frames = self._frames(files, report_frame)

@@ -102,7 +102,9 @@ def comparison(one: Picture, other: Picture) -> tuple[Picture, Normalize, str]:
     if one.values.shape != other.values.shape or not all(
         np.allclose(a, b) for a, b in zip((one.x, one.y), (other.x, other.y), strict=True)
     ):
-        raise PlotError("the two runs cover different times or regions; expected the same snapshots in both")
+        raise PlotError(
+            "the two runs cover different times or regions; choose runs with equal snapshot times and regions"
+        )
     field = one.field
     if field.scale == "log":
         low = 1e-3 * max(np.nanmax(one.values), np.nanmax(other.values), 1e-300)

@@ -51,28 +51,30 @@ class Request:
     def _refuse_unused_options(self) -> None:
         """Raise PlotError for an option that this kind of figure does not use."""
         if self.at and self.kind == "time":
-            raise PlotError("--at: --time uses all snapshots; leave out --at or --time")
+            raise PlotError("--at: --time uses all snapshots; remove --at or --time")
         if self.display.distance is not None and self.kind not in (None, "map"):
-            raise PlotError("--distance: used only for maps in x and y; leave it out")
+            raise PlotError("--distance: used only for maps in x and y; remove --distance")
         if self.display.window is not None and self.kind == "phase":
-            raise PlotError("--window: not used with --against; leave out one of the two")
+            raise PlotError("--window: not used with --against; remove --window or --against")
         if self.display.optics is not None and not {"emission", "optical_depth"} & set(self.words):
             raise PlotError(
-                "--wavelength and --opacity: used only by emission and optical_depth; expected --field with one "
-                "of these"
+                "--wavelength and --opacity: used only by the fields emission and optical_depth; add --field with one "
+                "of these fields"
             )
 
     def _panels_of_snapshots(self) -> PanelFigure:
         """Return the panels of a figure of single snapshots. Raises PlotError."""
         found = select_snapshots(self.sources, self.at)
         if self.compare and len(found) != 2:
-            raise PlotError("--compare: compares one snapshot with another; give one DIR or FILE, and at most one --at")
+            raise PlotError(
+                "--compare: compares a single snapshot with another; give one DIR or FILE, and at most one --at"
+            )
         names, snaps = self._read_snapshots([each.path for each in found])
         head, titles = compose.titles_of(snaps, found)
         kind = self.kind or ("map" if snaps[0].dimensions == 2 else "profile")
         if self.compare and kind in ("profile", "phase"):
             raise PlotError(
-                "--compare: used only for maps, --polar and --time; leave it out, and give the two runs as DIR DIR"
+                "--compare: used only for maps, --polar and --time; remove --compare, and give the two runs as DIR DIR"
             )
         fields = compose.unique_names(names)
         if kind == "phase":
@@ -90,7 +92,9 @@ class Request:
         """Return the panels of a figure against time. Raises PlotError."""
         runs = [(snapshot_files(source), run_name(source)) for source in self.sources]
         if min(len(files) for files, _ in runs) < 2:
-            raise PlotError("--time: needs at least two snapshots of each run; expected directories of runs")
+            raise PlotError(
+                "--time: needs at least two snapshots of each run; give directories of runs with two or more snapshots"
+            )
         names, snaps = self._read_snapshots([files[0] for files, _ in runs])
         fields, display = compose.unique_names(names), self.display.common_to(snaps, "time")
         made = [pictures.time_pictures(files, fields, display) for files, _ in runs]

@@ -56,12 +56,15 @@ def _rows(scene: Scene, at: GasSamples) -> Iterator[tuple[str, str]]:
     yield from _disc_rows(scene, at)
     if scene.self_gravity is not None and at.cell and scene.space.dimensions == 2:
         length = self_gravity.kernel_length(scene)
-        yield "error of self-gravity, up to", f"{0.003 * (2.0 * at.cell / length) ** 2:.1g} of the force, from the grid"
+        yield (
+            "largest error of self-gravity",
+            f"{0.003 * (2.0 * at.cell / length) ** 2:.1g} of the force, from the grid",
+        )
     if scene.gas is not None and scene.gas.precision == "single":
-        yield "error of gas forces, about", "3e-7 of their rms, from single precision; too large only for weak waves"
+        yield "error of gas forces", "3e-7 of the rms force, from single precision; too large only for weak waves"
     start = start_of(scene)
     if start.measure is not None and not set(scene.named) - {"gas", "dust", "drag", *start.exact_effects}:
-        yield "exact solution", "may exist; discsim cost SCENE --error 1% compares with it"
+        yield "exact solution", "may exist; compare with: discsim cost SCENE --error 1%"
 
 
 def _disc_rows(scene: Scene, at: GasSamples) -> Iterator[tuple[str, str]]:
@@ -71,15 +74,15 @@ def _disc_rows(scene: Scene, at: GasSamples) -> Iterator[tuple[str, str]]:
     ratios, fractions = at.by_mass()
     ratio = float(np.interp(0.5, fractions, ratios))
     yield "median h/H of the gas", f"{ratio:.2g}"
-    yield "error of the pressure force, about", f"{0.02 * (ratio / 0.32) ** 2:.1%}"
+    yield "error of the pressure force", f"{0.02 * (ratio / 0.32) ** 2:.1%}"
     numerical_nu = viscosity.artificial_nu(scene, at) + viscosity.noise_nu(scene, at)
     relative_nu = numerical_nu / (at.resolution * at.thermal_speed)
     alpha = ratio * float(np.median(relative_nu))
-    yield "numerical alpha (viscosity, noise)", f"{float(f'{alpha:.1g}'):g}"
+    yield "alpha by SPH viscosity and noise", f"{float(f'{alpha:.1g}'):g}"
     if scene.run.timestep is None:
         orbits = (scene.run.until - start_time(scene)) * float(np.median(at.omega)) / (2.0 * np.pi)
         energy = 3e-3 * (scene.run.courant / 0.8) ** 2.4 * orbits / 3.0
-        yield "energy error of the step, about", f"{energy:.1g}"
+        yield "energy error of the whole run", f"{energy:.1g}"
     yield from _drag_rows(scene, at)
 
 
@@ -92,7 +95,7 @@ def _drag_rows(scene: Scene, at: GasSamples) -> Iterator[tuple[str, str]]:
     worst = int(np.argmax(widths))
     error, where = drift_error(widths[worst]), f"in drag cells of {widths[worst]:.2g} H {at.where(worst)}"
     if error < 1.0:
-        yield "error of the dust drift, about", f"{error:.1g} at St = 0.01, {where}; smaller for larger St"
+        yield "error of the dust drift", f"{error:.1g} at St = 0.01, {where}; smaller for larger St"
     else:
         yield "error of the dust drift", f"100% or more at St = 0.01, {where}"
 

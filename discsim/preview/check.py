@@ -15,7 +15,8 @@ from discsim.scene.fields import Table, measure_of
 from discsim.scene.units import Units, clock
 
 DOMINANT_FRACTION = 0.95  # if one effect limits at least this fraction of the steps, the text leaves the fraction out
-UNKNOWN_ACCURACY = ("nothing", "measure it with: discsim cost SCENE --error 1%")  # row of a scene without estimates
+# Row of a scene without estimates.
+UNKNOWN_ACCURACY = ("no estimate", "measure the error with: discsim cost SCENE --error 1%")
 
 
 def report(scene: Scene) -> str:
@@ -39,26 +40,29 @@ def _forecast_rows(scene: Scene) -> Iterator[tuple[str, str]]:
     """Yield a row (name, value as text) for each number of the forecast of a run."""
     expected = forecast(scene)
     if expected is None:
-        yield "none", "no effect limits the time step"
+        yield "no forecast", "no effect limits the time step"
         return
     steps = expected.steps
-    yield "number of steps, about", f"{float(f'{steps.number:.2g}'):.0f}"
+    yield "number of steps", f"{float(f'{steps.number:.2g}'):.0f}"
     yield (
         "time step set by",
         f"{steps.limiter} {steps.where}".rstrip()
         + (f", in {steps.share:.0%} of the steps" if steps.share < DOMINANT_FRACTION else ""),
     )
     if scene.space.dimensions == 1:
-        yield "CPU time of the run, about", "seconds (one dimension)"
+        yield "CPU time of the run", "seconds (one dimension)"
         return
-    yield "CPU time of a step, about", f"{expected.step_seconds:.2g} s"
+    yield "CPU time of a step", f"{expected.step_seconds:.2g} s"
     if expected.relaxation > 0.0:
-        yield "CPU time before t = 0, about", clock(expected.relaxation)
-    yield "CPU time of the run, about", clock(expected.seconds)
+        yield "CPU time before t = 0", clock(expected.relaxation)
+    yield "CPU time of the run", clock(expected.seconds)
     count = len(stored_slowness())
     runs = f"the last {count} long runs" if count > 1 else "the last long run"
-    yield "CPU times estimated from", f"{runs} on this machine" if count else "stored figures: no long run here yet"
-    yield "memory, about", f"{float(f'{expected.memory / 2**20:.2g}'):.0f} MiB"
+    yield (
+        "CPU times estimated from",
+        f"{runs} on this machine" if count else "stored values, as no long run was made here yet",
+    )
+    yield "memory", f"{float(f'{expected.memory / 2**20:.2g}'):.0f} MiB"
 
 
 def _unit_lines(units: Units) -> Iterator[str]:

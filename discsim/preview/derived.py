@@ -200,7 +200,7 @@ def _grid_rows(scene: Scene) -> Iterator[tuple[str, str]]:
         return
     yield "grid", " x ".join(map(str, shape)) + " cells of " + scene.units.show(cell, "length")
     if size:
-        yield "memory of the grid, about", f"{size / 2**20:.3g} MiB"
+        yield "memory of the grid, estimated", f"{size / 2**20:.3g} MiB"
 
 
 def grid(scene: Scene) -> tuple[float, tuple[int, ...]] | None:

@@ -106,7 +106,7 @@ def memory_warnings(scene: Scene) -> Iterator[str]:
     if needed > available:
         yield (
             f"memory: the run needs about {needed / 2**30:.3g} GiB, and this machine has {available / 2**30:.3g} GiB; "
-            "expected fewer particles or cells"
+            "choose fewer particles or cells"
         )
 
 
@@ -162,8 +162,8 @@ def close_pair_warnings(scene: Scene) -> Iterator[str]:
     for k, (mass, difference) in differences.items():
         yield (
             f"the orbit of companion {k} needs about {factor:.1g} times as many steps, but the gravity of the pair at "
-            f"the inner edge differs from that of a single star only by a fraction of {difference:.1g}: leave the "
-            f"companion out, and set star.mass = {scene.units.show(mass, 'mass')}"
+            f"the inner edge differs from that of a single star only by a fraction of {difference:.1g}: remove the "
+            f"companion, and set star.mass = {scene.units.show(mass, 'mass')}"
         )
 
 

@@ -157,7 +157,7 @@ def _sections(name: str, annotation: Any) -> Iterator[Section]:
 def _table_description(name: str, annotation: Any, model: type[Table]) -> str:
     """Return the docstring of a table, and how the table is repeated if a scene may have several of them."""
     words = "" if model.__doc__ == Table.__doc__ else model.__doc__ or ""
-    several = f" Several: one `[[{name}]]` each." if get_origin(annotation) is tuple else ""
+    several = f" Repeat the table as `[[{name}]]` for more than one." if get_origin(annotation) is tuple else ""
     return words + several
 
 

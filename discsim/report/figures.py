@@ -53,7 +53,7 @@ def history_figures(scene: Scene, rows: list[dict[str, str]], found: list[Conser
     if scene.units.system != "code":
         year = float(scene.units.quantity(1.0, "time").to_value("yr"))
         time, dt, unit = year * time, year * dt, " [yr]"
-    changes, first = _new_axes(f"t{unit}", "change, over its size")
+    changes, first = _new_axes(f"t{unit}", "relative change")
     for each in found:
         first.plot(time, np.maximum(np.abs(each.change), MIN_CHANGE), label=each.name)
     first.set(yscale="log", ylim=(0.5 * MIN_CHANGE, None))

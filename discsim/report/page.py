@@ -45,7 +45,7 @@ def write_report(directory: Path, path: Path) -> None:
     refuse_special(path)
     snapshots = sorted((directory / "snapshots").glob("*.h5"))
     if not snapshots or not (directory / "scene.toml").exists():
-        raise ReportError(f"{directory}: no run found; expected a directory with scene.toml and snapshots")
+        raise ReportError(f"{directory}: no run found; give a directory with scene.toml and snapshots")
     scene = load_scene(directory / "scene.toml")
     rows = read_history(directory / "history.csv", scene)
     if not rows:
@@ -83,7 +83,9 @@ def _printable_text(value: object) -> object:
 def _fact_rows(scene: Scene, rows: list[dict[str, str]]) -> Iterator[tuple[str, str]]:
     """Yield names and values for the table at the top of the page; `rows` are the rows of history.csv by column."""
     show, last = scene.units.show_time, float(rows[-1]["time"])
-    ended = "finished" if last >= (1.0 - 1e-9) * scene.run.until else f"not at its end, {show(scene.run.until)}"
+    ended = (
+        "finished" if last >= (1.0 - 1e-9) * scene.run.until else f"stopped before its end at {show(scene.run.until)}"
+    )
     yield "time", f"{show(float(rows[0]['time']))} to {show(last)}; {ended}"
     yield "steps", rows[-1]["step"]
     if scene.gas is not None:
@@ -153,4 +155,4 @@ def _version_rows(log: Path) -> list[tuple[str, str]]:
     first = next(iter(_log_lines(log)), "").partition(":")[0]
     run = first.removeprefix("discsim ") if first.startswith("discsim ") else "not known"
     here = [("Python", platform.python_version()), *((name, version(name)) for name in LIBRARIES)]
-    return [("discsim, of the run", run), ("discsim, of this page", __version__), *here]
+    return [("discsim of the run", run), ("discsim of this page", __version__), *here]

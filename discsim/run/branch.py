@@ -65,10 +65,12 @@ def _snapshot_path(run: Path, number: int | None) -> Path:
     """Return the path of snapshot `number` of a run; None: of the last one. Raises BranchError."""
     found = {int(path.stem): path for path in (run / "snapshots").glob("*.h5") if path.stem.isdecimal()}
     if not found:
-        raise BranchError(f"{run}: no snapshots found; expected the directory of a run")
+        raise BranchError(f"{run}: no snapshots found; give the directory of a run")
     wanted = max(found) if number is None else number
     if wanted not in found:
-        raise BranchError(f"{run}: there is no snapshot {wanted:04d}; expected {min(found):04d} to {max(found):04d}")
+        raise BranchError(
+            f"{run}: there is no snapshot {wanted:04d}; choose a number from {min(found):04d} to {max(found):04d}"
+        )
     return found[wanted]
 
 

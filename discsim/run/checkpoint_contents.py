@@ -102,7 +102,7 @@ def _checked_particles(state: State, name: str, held: dict[str, Array]) -> dict[
     arrays = {key: held[key] for key in own}
     if others := held.keys() - own.keys():
         raise EntryError(
-            f"{name} has an extra array {min(others)}; expected only those of this scene: {', '.join(own)}"
+            f"{name} has an extra array {min(others)}; expected only the arrays of this scene: {', '.join(own)}"
         )
     check_arrays(name, arrays, state.scene.space.dimensions)
     check_finite(name, arrays)
@@ -126,7 +126,7 @@ def _checked_acc_unshared(
     for name, array in held.items():
         count = check_arrays(f"own_acc of {name}", {"acc": array}, state.scene.space.dimensions)
         if count not in (0, len(particles[name]["mass"])):
-            raise EntryError(f"own_acc of {name} has {count} rows; expected one per particle")
+            raise EntryError(f"own_acc of {name} has {count} rows; expected one row per particle")
     check_finite("own_acc", held)
     return dict(held)
 

@@ -49,7 +49,10 @@ class Checkpoints:
         for path in later_snapshots(folder, number):
             with suppress(SnapshotError), hdf5.open_file_of_kind(path, SnapshotError, "snapshot") as file:
                 if time_of(file) <= last_output:
-                    wrong = f"damaged checkpoint: it is later than {path}, but its number of snapshots is {number}"
+                    wrong = (
+                        f"damaged checkpoint: its time is later than that of {path}, but its number of "
+                        f"snapshots is {number}"
+                    )
                     raise CheckpointError(f"{self.chosen}: {wrong}; resume from another checkpoint")
 
     def keep_chosen(self) -> None:

@@ -44,12 +44,15 @@ def _type_faults(listed: Named) -> Iterator[str]:
     """Yield messages about operators whose name, slot, `reads` or `writes` has a wrong form."""
     for effect, operator in listed:
         if not isinstance(operator.slot, Slot):
-            yield f"{operator.name}: {operator.slot!r} is not a slot; expected one like base.Slot.FORCE"
+            yield f"{operator.name}: {operator.slot!r} is not a slot; expected a slot like base.Slot.FORCE"
         for names in (operator.reads, operator.writes):
             if not isinstance(names, set | frozenset):
-                yield f"{operator.name}: {names!r} is not a set of names; expected one like base.arrays(...)"
+                yield f"{operator.name}: {names!r} is not a set of names; expected a set like base.arrays(...)"
         if not operator.name.startswith(f"{effect}."):
-            yield f'{operator.name}: the operator is of the effect {effect}; expected a name like "{effect}.force"'
+            yield (
+                f"{operator.name}: the operator belongs to the effect {effect}; expected a name that "
+                f'begins with the effect, like "{effect}.force"'
+            )
 
 
 def _slot_faults(listed: Named, may_kick: set[str]) -> Iterator[str]:
@@ -61,14 +64,17 @@ def _slot_faults(listed: Named, may_kick: set[str]) -> Iterator[str]:
     read_by_forces = {name for _, operator in listed if operator.slot is Slot.FORCE for name in operator.reads}
     for effect, operator in listed:
         if operator.name in names:
-            yield f"{operator.name}: another operator has the same name; expected different names"
+            yield f"{operator.name}: another operator has the same name; rename one operator"
         names.add(operator.name)
         if operator.slot is Slot.KICK and effect not in may_kick:
-            yield f"{operator.name}: only a base.KickEffect, and gas and dust themselves, may have a kick"
+            yield (
+                f"{operator.name}: the operator is in the slot KICK, which only a base.KickEffect, gas and "
+                f"dust may use; choose another slot"
+            )
         if operator.slot is Slot.FIELD and operator.name not in read_by_forces:
-            yield f"{operator.name}: no force reads this field; expected its name in the reads of a force"
+            yield f"{operator.name}: no force reads this field; add its name to the `reads` of a force"
         if operator.slot is Slot.FORCE and not operator.writes:
-            yield f"{operator.name}: the force writes nothing; expected accelerations in its writes"
+            yield f"{operator.name}: the force writes nothing; add accelerations to its `writes`"
 
 
 def _name_faults(listed: Named) -> Iterator[str]:
@@ -83,7 +89,7 @@ def _name_faults(listed: Named) -> Iterator[str]:
                 hint = f'; did you mean "{close[0]}"?' if close else ""
                 yield f'{operator.name}: there is no "{name}" to read or write in its slot{hint}'
         if operator.slot is not Slot.LIMIT and (found := operator.reads & {"gas.acc", "dust.acc"}):
-            yield f"{operator.name}: {min(found)} is not complete before the limits; expected it in writes alone"
+            yield f"{operator.name}: {min(found)} is complete only in the slot LIMIT; remove the name from `reads`"
 
 
 def _conflicts(listed: Named) -> Iterator[str]:
@@ -92,8 +98,9 @@ def _conflicts(listed: Named) -> Iterator[str]:
     for one, other in [*combinations(of_slot[Slot.FIELD], 2), *product(of_slot[Slot.FORCE], of_slot[Slot.KICK_INPUT])]:
         if both := one.writes & (other.reads | other.writes) | other.writes & one.reads:
             yield (
-                f"{one.name} and {other.name} run at the same time, and one changes {min(both)}, which the other uses; "
-                "expected different arrays"
+                f"{one.name} and {other.name} run at the same time, and one of the two changes {min(both)}, "
+                f"which the other one uses; "
+                "let the two operators use different arrays"
             )
 
 
@@ -105,7 +112,7 @@ def checked_limits(operator: Operator, found: Any) -> Mapping[str, Limit]:
             "like {base.ALL: base.Limit(step)}"
         )
     if unknown := found.keys() - {"gas", "dust", ALL}:
-        raise PartError(f'{operator.name}: "{min(unknown)}" is no species; expected "gas", "dust" or base.ALL')
+        raise PartError(f'{operator.name}: "{min(unknown)}" is not a species; expected "gas", "dust" or base.ALL')
     return found
 
 

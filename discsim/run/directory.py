@@ -33,7 +33,10 @@ RUN_FILES = ("scene.toml", *CHECKPOINTS, "snapshots")
 FLOCK_UNSUPPORTED = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP)
 # Errors of open on a link, a directory or a socket in place of a lock.
 NOT_A_PLAIN_FILE = (errno.ELOOP, errno.EISDIR, errno.ENXIO)
-LOCK_MESSAGE = "is not a plain file, but runs use this name for their lock; remove it, or use another directory"
+LOCK_MESSAGE = (
+    "is not a plain file, but runs use the name for their lock file; remove what has this name, "
+    "or use another directory"
+)
 
 _locks: set[int] = set()  # descriptors of the locks that this process holds
 
@@ -57,7 +60,7 @@ def directory_fault(directory: Path, resume: bool) -> str | None:
     try:
         nearest = next(parent for parent in (directory, *directory.absolute().parents) if parent.exists())
         if not nearest.is_dir():
-            return f"{directory}: {nearest} is a file; expected a directory"
+            return f"{directory}: {nearest} is a file; choose another directory with -o"
         if not os.access(nearest, os.W_OK | os.X_OK):
             return f"{directory}: {nearest} is not writable; expected a writable directory"
         left = [name for name in RUN_FILES if (directory / name).exists()]
@@ -65,16 +68,16 @@ def directory_fault(directory: Path, resume: bool) -> str | None:
         return f"{directory}: {error.strerror}; expected a writable directory"
     begun = ended_before_checkpoint(directory)
     if resume and not {*CHECKPOINTS} & {*left} and not begun:
-        return f"{directory}: there is no checkpoint.h5 to resume from; expected the directory of an earlier run"
+        return f"{directory}: there is no checkpoint.h5 to resume from; give the directory of an earlier run"
     if left and not resume:
         holds = f"{directory}: already contains a run ({', '.join(left)})"
         if begun:
             return (
-                f"{holds}, without a checkpoint; expected another directory, or --resume, which restarts it "
+                f"{holds}, without a checkpoint; choose another directory, or add --resume to restart the run "
                 "from the beginning"
             )
-        way_on = ", or --resume" if {*CHECKPOINTS} & {*left} else ""
-        return f"{holds}; expected another directory{way_on}"
+        way_on = ", or add --resume" if {*CHECKPOINTS} & {*left} else ""
+        return f"{holds}; choose another directory{way_on}"
     return None
 
 

@@ -85,7 +85,7 @@ class ReversalGuard:
             key = "courant" if state.scene.run.timestep is None else "timestep"
             raise PhysicsError(
                 f"the gas is numerically unstable: accelerations reverse in every step, and each kick exceeds "
-                f"{MAX_KICK:g} times the sound speed; expected a smaller run.{key}"
+                f"{MAX_KICK:g} times the sound speed; lower run.{key}"
             )
 
 
@@ -118,7 +118,9 @@ def check_entries(state: State, effects: Effects) -> None:
         count = check_arrays(name, held, dimensions)
         forces = state.acc_unshared.get(name)
         if forces is not None and len(forces) not in (0, count):
-            raise EntryError(f"{name} has {count} particles, but had {len(forces)} before; expected the same number")
+            raise EntryError(
+                f"{name} has {count} particles, but had {len(forces)} particles before; keep the number of particles"
+            )
     if state.bodies is not None:
         same = Bodies.at_rest(np.zeros(state.body_count))
         check_like("bodies", state.bodies.arrays(), same.arrays())
@@ -156,7 +158,9 @@ def check_forces(state: State, effects: Effects, limits: dict[str, float]) -> No
     _check_bodies(state)
     for name, limit in limits.items():
         if math.isnan(limit) or limit <= 0.0:
-            raise PhysicsError(f"the time-step limit of {name} is {limit}{_negative_energy_remark(state)}")
+            raise PhysicsError(
+                f"the time-step limit of {name} is {limit}; expected a positive number{_negative_energy_remark(state)}"
+            )
 
 
 def check_new_effect(state: State, name: str, effect: Effect) -> None:
@@ -177,7 +181,7 @@ def check_dust_step(state: State, effects: Effects, limits: Limits, dt: float) -
         which = f"dust particle {dust.ids[i]} at r = {np.linalg.norm(dust.pos[i]):.3g}"
     raise PhysicsError(
         f"the time step {dt:.3g} is {dt / limits.dust:.3g} times the limit of {name} for the orbit of {which}: "
-        f"one-way dust does not shorten the time step; expected {remedy}a smaller "
+        f"one-way dust does not shorten the time step; choose {remedy}a smaller "
         f"run.{'courant' if state.scene.run.timestep is None else 'timestep'}"
     )
 
@@ -192,7 +196,7 @@ def _check_bodies(state: State) -> None:
         if not all(map(math.isfinite, values.ravel().tolist())):  # numpy takes five times as long for so few
             i = int(np.argmin(np.isfinite(values).all(axis=1)))
             raise PhysicsError(
-                f"{bodies.name(i)} is not finite in its {name} (step {state.step}); possibly two bodies collide"
+                f"{bodies.name(i)} is not finite in its {name} (step {state.step}); perhaps two bodies collide"
             )
 
 
@@ -202,7 +206,7 @@ def _negative_energy_remark(state: State) -> str:
     if gas is None or gas.u is None or not gas.pressure.min() < 0.0:
         return ""
     coldest = gas.ids[gas.pressure.argmin()]
-    return f"; gas particle {coldest} has a negative energy after one step: try a smaller run.courant"
+    return f"; gas particle {coldest} has a negative energy after one step; lower run.courant"
 
 
 def _check_arrays(

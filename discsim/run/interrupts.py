@@ -42,5 +42,5 @@ class Interrupts:
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
         if self.number:
-            raise KeyboardInterrupt("stopped by a second signal, possibly within a step")
+            raise KeyboardInterrupt("stopped by a second signal, perhaps within a step")
         self.number = number

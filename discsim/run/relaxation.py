@@ -74,7 +74,7 @@ def relax(state: State, effects: dict[str, Effect]) -> RelaxationReport | None:
     while elapsed < until:
         dt = min(scene.run.courant * disc.longest_step(), until - elapsed)
         if elapsed + dt == elapsed:
-            raise PhysicsError(f"in the relaxation before t = 0 the time step collapsed to {dt:g}")
+            raise PhysicsError(f"in the relaxation before t = 0 the time step became too small, {dt:g}")
         disc.step(dt)
         steps, elapsed = steps + 1, elapsed + dt
     gas.pos[:], gas.vel[:], gas.h[:] = disc.gas_only.gas.pos, disc.velocities(), disc.gas_only.gas.h
@@ -145,8 +145,8 @@ class _Rings:
         self.radius += dt * self.radial
         if self.radius.min() <= 0.0:
             raise PhysicsError(
-                "in the relaxation before t = 0 a ring of gas falls into the centre; expected smoother edges of the "
-                "gas, or no initial.relax"
+                "in the relaxation before t = 0 a ring of gas falls into the centre; choose smoother edges of the "
+                "gas, or remove initial.relax"
             )
         self.rotated += dt * self.spin / self.radius**2
         self.forces()

@@ -257,7 +257,10 @@ class Run:
         for line in warnings(self.scene):
             say(f"warning: {line}")
         if not locked:
-            say(f"warning: {self.directory} cannot be locked: do not start a second run in it, as files would mix")
+            say(
+                f"warning: {self.directory} cannot be locked: do not start a second run in the directory, as "
+                f"files would mix"
+            )
         say("loading kernels")
 
     def _begin_or_resume(self, resume: bool) -> None:

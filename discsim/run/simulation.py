@@ -108,7 +108,7 @@ class Simulation(Summarised):
 
     def __reduce_ex__(self, protocol: Any) -> NoReturn:
         raise TypeError(
-            "a Simulation cannot be pickled or copied; expected save(path), then restore(path) of another Simulation"
+            "a Simulation cannot be pickled or copied; use save(path), then restore(path) of another Simulation"
         )
 
     @property
@@ -191,7 +191,7 @@ class Simulation(Summarised):
         self._prepare()
         dt = min(next_step(self.state, self.operators.limits, math.inf), most)
         if dt == math.inf:
-            raise ValueError("no effect limits the step after run.until; expected step(most=...), in code units")
+            raise ValueError("no effect limits the step after run.until; call step(most=...) with a time in code units")
         guards.check_dust_step(self.state, self.effects, self.operators.limits, dt)
         with self._uninterrupted():
             self._advance(dt)
@@ -427,7 +427,7 @@ class Simulation(Summarised):
             An array that was set is wrong.
         """
         if effect not in self.effects:
-            raise KeyError(f"no effect {effect!r} in this scene; it has {', '.join(self.effects)}")
+            raise KeyError(f"no effect {effect!r} in this scene; expected one of {', '.join(self.effects)}")
         set_threads(self.scene.run.threads)
         if self._unclosed is None:
             guards.check_entries(self.state, self.effects)
@@ -579,12 +579,14 @@ class Simulation(Summarised):
         """Raise RuntimeError if a callback, or the context of `synchronised` or `closed`, reads the state."""
         if self._unclosed is not None:
             wrong = "the state is being read, in a callback or in synchronised()"
-            raise RuntimeError(f"{wrong}; expected this call afterwards, or on another Simulation")
+            raise RuntimeError(f"{wrong}; call this method afterwards, or use another Simulation")
 
     def _refuse_half_made(self) -> None:
         """Raise RuntimeError if an interrupt has left a step half made."""
         if self._step_is_half_made:
-            raise RuntimeError("the last step was interrupted; expected a new Simulation, or restore() of a checkpoint")
+            raise RuntimeError(
+                "the last step was interrupted; make a new Simulation, or call restore() with a checkpoint"
+            )
 
     def _advance(self, dt: float, until: float = math.inf) -> None:
         """Advance by dt: make the closing kick of the last step, and this step without its closing kick.

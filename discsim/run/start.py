@@ -37,7 +37,7 @@ def begin(scene: Scene, particles: Given | None = None, to_restore: bool = False
     except ValueError as error:
         raise SceneError([str(error)]) from error
     except (FloatingPointError, ZeroDivisionError, OverflowError) as error:
-        raise SceneError([f"numbers of the start are too extreme: {error}; expected less extreme values"]) from error
+        raise SceneError([f"numbers of the start are too extreme: {error}; choose less extreme values"]) from error
 
 
 def _begin(scene: Scene, particles: Given | None, to_restore: bool) -> InitialState:

@@ -31,7 +31,7 @@ def next_step(state: State, limits: Limits, until: float) -> float:
     if run.timestep is None and 2.0 * dt > left:
         return 0.5 * left  # two equal steps rather than a long and a tiny one
     if state.time + dt == state.time:
-        raise PhysicsError(f"the time step collapsed to {dt:g}, set by {limits.by}")
+        raise PhysicsError(f"the time step became too small, {dt:g}, by the limit of {limits.by}")
     return dt
 
 
@@ -46,7 +46,7 @@ def _check_fixed_step(state: State, limits: Limits, left: float) -> None:
     raise PhysicsError(
         f"run.timestep is {fixed / limits.step:.3g} times the step limit of {limits.by}: "
         f"above {limits.unstable / limits.step:.3g} times the limit, sound waves and orbits are unstable; "
-        f"expected at most {limits.step:.3g} code units"
+        f"lower run.timestep to at most {limits.step:.3g} code units"
     )
 
 

@@ -85,7 +85,7 @@ class Watch:
 def _check_interval(every: float, span: float, callback: Callable[[Simulation], object] | None) -> None:
     """Raise ValueError if `every` is not a positive time, has no callback, or gives too many calls in `span`."""
     if callback is None or not 0.0 < every < math.inf:
-        raise ValueError(f"every = {every}; expected a positive time, together with a callback")
+        raise ValueError(f"every = {every}; expected a positive time, and the argument callback")
     if span > MAX_SNAPSHOTS * every:
-        wrong = f"every = {every} gives {span / every:.3g} calls; expected at most {MAX_SNAPSHOTS:,}"
-        raise ValueError(f"{wrong}, that is every at least {span / MAX_SNAPSHOTS:.3g}")
+        wrong = f"every = {every} gives {span / every:.3g} calls, more than {MAX_SNAPSHOTS:,}"
+        raise ValueError(f"{wrong}; choose every = {span / MAX_SNAPSHOTS:.3g} or more")

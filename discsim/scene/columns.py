@@ -118,7 +118,9 @@ def _read_columns(value: Any, info: ValidationInfo) -> Columns | None:
     try:
         text = read_text(found.path)
     except UnicodeDecodeError:
-        raise fault(f"{found.path}: not a text file; expected a table, {_expected_header(units_of(info))}") from None
+        raise fault(
+            f"{found.path}: not a text file; expected a table with {_expected_header(units_of(info))}"
+        ) from None
     except OSError as error:
         raise fault(system_message(error, "read", found.path)) from None
     lines = [(number, line.strip()) for number, line in enumerate(text.splitlines(), 1) if line.strip()]
@@ -153,7 +155,7 @@ def _parse_header(lines: list[tuple[int, str]], units: Units) -> tuple[list[str]
     lines: (line number, text) of every line of the file that is not blank; the first one is the header.
     """
     if not lines:
-        raise _RowError(f": empty; expected {_expected_header(units)}, and rows of numbers below")
+        raise _RowError(f": the file is empty; expected {_expected_header(units)}, and rows of numbers below")
     number, line = lines[0]
     text = line.lstrip("# \t")
     found = COLUMN.findall(text)
@@ -165,7 +167,9 @@ def _parse_header(lines: list[tuple[int, str]], units: Units) -> tuple[list[str]
         name = COLUMN_OF_HEADING.get(word.lower())
         if name is None or name in names:
             wrong = "unknown" if name is None else "given twice"
-            raise _RowError(f':{number}: column "{clipped(word)}" is {wrong}; expected each of {COLUMN_LIST} once')
+            raise _RowError(
+                f':{number}: column "{clipped(word)}" is {wrong}; expected the columns {COLUMN_LIST}, each at most once'
+            )
         try:
             factors.append(_unit_factor(name, unit.strip(), units))
         except UnitError as error:
@@ -184,13 +188,16 @@ def _unit_factor(name: str, unit: str, units: Units) -> float:
     """
     if units.system == "code" or name in UNITLESS:
         if unit not in ("", "1"):
-            raise UnitError(f'"{clipped(unit)}" is a unit, but {UNITLESS.get(name, "the scene")} has none')
+            raise UnitError(
+                f'"{clipped(unit)}" is a unit, but {UNITLESS.get(name, "a scene in code units")} has no '
+                f"unit; remove the unit"
+            )
         return 1.0
     if not unit:
-        raise UnitError(f"has no unit; expected one, like {name} [{EXAMPLE_UNITS[name]}]")
+        raise UnitError(f"the header gives no unit; expected a unit in brackets, like {name} [{EXAMPLE_UNITS[name]}]")
     if name == "T":
         if unit not in ("K", "kelvin"):
-            raise UnitError(f'"{clipped(unit)}" is not kelvin; expected T [K]')
+            raise UnitError(f'"{clipped(unit)}" is not the unit kelvin; expected T [K]')
         return 1.0
     return units.parse(f"1 {unit}", "length" if name == "r" else "surface_density")
 
@@ -202,16 +209,20 @@ def _parse_row(number: int, line: str, names: list[str]) -> tuple[int, list[floa
         try:
             row.append(float(entry))
         except ValueError:
-            raise _RowError(f':{number}: "{clipped(entry)}" is not a number; expected {", ".join(names)}') from None
+            raise _RowError(
+                f':{number}: "{clipped(entry)}" is not a number; expected numbers in the columns {", ".join(names)}'
+            ) from None
     if len(row) != len(names):
-        raise _RowError(f":{number}: {len(row)} numbers; expected {len(names)}: {', '.join(names)}")
+        raise _RowError(
+            f":{number}: {len(row)} numbers; expected {len(names)} numbers, in the columns {', '.join(names)}"
+        )
     return number, row
 
 
 def _check_rows(names: list[str], rows: list[tuple[int, list[float]]], factors: list[float]) -> None:
     """Raise _RowError for too few rows, a number out of range, radii that do not increase, or only zero ratios."""
     if len(rows) < 2:
-        raise _RowError(f": {len(rows)} rows; expected at least two, from the inner to the outer edge")
+        raise _RowError(f": {len(rows)} rows; expected at least two rows, from the inner to the outer edge")
     before = 0.0
     for number, row in rows:
         for name, entry, factor in zip(names, row, factors, strict=True):
@@ -225,4 +236,4 @@ def _check_rows(names: list[str], rows: list[tuple[int, list[float]]], factors: 
             raise _RowError(f":{number}: {wrong}; expected increasing radii")
         before = r
     if "ratio" in names and not any(row[names.index("ratio")] > 0.0 for _, row in rows):
-        raise _RowError(": the ratio is 0 everywhere; expected a positive ratio somewhere, or no column ratio")
+        raise _RowError(": the column ratio is 0 everywhere; expected a positive ratio in some row, or no such column")

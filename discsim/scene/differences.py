@@ -31,8 +31,8 @@ def refuse_changed_scene(path: str | Path, text: bytes, now: Scene) -> None:
         ) from None
     changed = [key for key in differences(before, now) if key not in FREE_TO_CHANGE]
     if changed:
-        wrong = f"the scene differs from that of the run in {', '.join(changed)}"
-        raise SceneError([f"{path}: {wrong}; expected differences only in {', '.join(FREE_TO_CHANGE)}"])
+        wrong = f"the scene differs from the scene of the run in {', '.join(changed)}"
+        raise SceneError([f"{path}: {wrong}; change only {', '.join(FREE_TO_CHANGE)}"])
 
 
 def differences(before: Any, now: Any, name: str = "") -> Iterator[str]:

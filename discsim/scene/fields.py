@@ -54,7 +54,8 @@ def _check_range(value: float, text: str) -> float:
         raise fault(f"{text} is not a finite number")
     if value != 0.0 and not 1.0 / LARGEST <= abs(value) <= LARGEST:
         raise fault(
-            f"{text} is out of range; expected 0, or a size from {1.0 / LARGEST:g} to {LARGEST:g} in code units"
+            f"{text} is out of range; expected 0, or an absolute value from {1.0 / LARGEST:g} to {LARGEST:g} "
+            f"in code units"
         )
     return value
 
@@ -116,9 +117,7 @@ class Measure:
         units = units_of(info)
         if not self.name or units.system == "code":
             if self.name and isinstance(value, str):
-                raise fault(
-                    f"{shown(value)} is a text, but the scene is in code units; expected a number without quotes"
-                )
+                raise fault(f"{shown(value)} is text, but the scene is in code units; expected a number without quotes")
             return number(value)
         gamma = info.data.get("gamma", 2.0)  # validated earlier, as a key of the same table
         or_words = "".join(f', or "{word}"' for word in self.words)
@@ -140,7 +139,7 @@ class Measure:
         read = [self._float(entry, info) or 0.0 for entry in entries]
         read += [0.0] * (units_of(info).dimensions - len(read))
         if self.whole and any(entry != int(entry) for entry in read):
-            raise fault(f"{shown(value)} is not made of whole numbers")
+            raise fault(f"{shown(value)} is not a list of whole numbers")
         return tuple(read)
 
 
@@ -148,7 +147,9 @@ def _one_per_dimension(value: Sequence[Any], info: ValidationInfo) -> Sequence[A
     """Return `value`. Raises a `fault` unless it has one entry per dimension of space."""
     dimensions = units_of(info).dimensions
     if len(value) != dimensions:
-        raise fault(f"{shown(list(value))} has {len(value)} entries; expected {dimensions}, one per dimension")
+        raise fault(
+            f"{shown(list(value))} has {len(value)} values; expected {dimensions}, one for each dimension of space"
+        )
     return value
 
 
@@ -172,7 +173,7 @@ def _read_particles(value: Any) -> int:
 def _read_seconds(value: Any) -> float:
     """Return the seconds of a wall-clock time such as "10 min". Raises a `fault` for any other value."""
     if not isinstance(value, str):
-        raise fault(f'{shown(value)} is not a wall-clock time; expected one in quotes, like "10 min"')
+        raise fault(f'{shown(value)} is not a wall-clock time; expected a time in quotes, like "10 min"')
     try:
         return seconds(value)
     except UnitError as error:
@@ -189,7 +190,7 @@ def _read_orbits(value: Any) -> float:
             raise ValueError
         return number(float(words[0]))
     except ValueError:  # also the fault of `number`
-        raise fault(f'{shown(value)} is not a number of orbits; expected one like 2 or "2 orbits"') from None
+        raise fault(f'{shown(value)} is not a number of orbits; expected a number like 2 or "2 orbits"') from None
 
 
 def sides_of_space(value: Any, info: ValidationInfo) -> Sequence[Any]:
@@ -234,7 +235,7 @@ class InputFile:
         Raises a `fault` if this is not a plain file that can be read, or if it has more than `max_bytes` bytes.
         """
         if not isinstance(value, str) or not value:
-            raise fault(f'{shown(value)} is not a file name; expected one in quotes, like "profile.txt"')
+            raise fault(f'{shown(value)} is not a file name; expected a name in quotes, like "profile.txt"')
         try:
             path = (info.context or {}).get("folder", Path()) / Path(value).expanduser()
             with open_plain(path) as file:
@@ -247,7 +248,7 @@ class InputFile:
             where, reason = "", str(error)
         begins = f"{shown(value)}: {where}: " if where else f"{shown(value)}: "
         wrong = f"{begins}{reason[:1].lower()}{reason[1:]}"
-        raise fault(f"{wrong}; expected a readable file; its path is relative to the scene file")
+        raise fault(f"{wrong}; expected the path of a readable file, relative to the folder of the scene file")
 
 
 class Table(BaseModel):

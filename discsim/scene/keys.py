@@ -47,16 +47,16 @@ OPACITY_TABLE = "bell-lin"  # name of the table of Bell & Lin (1994) in scenes
 class Viscosity(Table):
     """Artificial viscosity."""
 
-    alpha: Number = Field(1.0, ge=0, description="coefficient of the linear term")
-    beta: Number = Field(2.0, ge=0, description="coefficient of the quadratic term")
+    alpha: Number = Field(1.0, ge=0, description="coefficient of the linear term of artificial viscosity")
+    beta: Number = Field(2.0, ge=0, description="coefficient of the quadratic term of artificial viscosity")
     switch: Literal["none", "balsara"] = Field("none", description="switch that reduces viscosity in shear")
     pairs: Annotated[
         Literal["approaching", "all", "reconstructed"],
         Default('"reconstructed"; with switch = "balsara" "approaching"'),
     ] = Field(
         "reconstructed",
-        description="pairs with a linear term: approaching, all (no pressure from shear), or reconstructed: all, with "
-        "velocities extrapolated to the pair's midpoint, so smooth flows have no viscosity",
+        description='pairs of particles with a linear term: "approaching"; "all", without pressure from shear; or '
+        '"reconstructed": all, with velocities extrapolated to the pair\'s midpoint, so smooth flows have no viscosity',
     )
 
     @model_validator(mode="before")
@@ -85,11 +85,13 @@ class Viscosity(Table):
 class Quiet(Table):
     """Pressure with less noise in shear (`effects/quiet.py`); true stands for the defaults below."""
 
-    share: Number = Field(0.9, ge=0, le=1, description="fraction of the mean pressure that is left out of pair forces")
+    share: Number = Field(0.9, ge=0, le=1, description="fraction of the mean pressure that pair forces omit")
     time: Number = Field(
         10.0, gt=0, description="time in 1 / Omega over which the density relaxes to the SPH sum, in discs"
     )
-    guard: Number = Field(0.75, ge=0, description="pressure kept in pair forces, in standard deviations of the density")
+    guard: Number = Field(
+        0.75, ge=0, description="pressure that pair forces keep, in standard deviations of the density"
+    )
 
 
 def _true_or_table(given: Any) -> Any:
@@ -114,16 +116,16 @@ class Gas(Table):
         Default("cubic 1.345, quintic 1.1, quintic-h 3.3, wendland-c2 and wendland-c4 1.7; in 1D 2, quintic-h 6"),
     ] = Field(gt=0, le=MAX_ETA, description="eta in h = eta (m/rho)^(1/d)")
     smoothing_length: Length | None = Field(
-        None, gt=0, description="smoothing length, the same for all particles, instead of eta"
+        None, gt=0, description="uniform smoothing length of all particles, instead of eta"
     )
     eos: AnyEos = Field(description="equation of state")
     precision: Literal["double", "single"] = Field(
-        "double", description="floating-point precision of the terms in SPH sums; the rest is double"
+        "double", description="floating-point precision of the terms in SPH sums; all else is double"
     )
     viscosity: Annotated[Viscosity | None, Default("none; for quiet gas {alpha = 0.3, beta = 0.5}")] = None
     conductivity: Conductivity | None = None
     quiet: Annotated[Quiet | None, BeforeValidator(_true_or_table)] = Field(
-        None, description="noise reduction for isothermal discs and periodic planes; true, or a table"
+        None, description="noise reduction for isothermal discs and periodic planes; true, or a table of options"
     )
 
     @model_validator(mode="before")
@@ -153,11 +155,13 @@ class Gap(Table):
 class Background(Table):
     """Prescribed gas disc in equilibrium about the star, instead of [gas]. It drags the dust and does not change."""
 
-    surface_density: SurfaceDensity | None = Field(None, gt=0, description="surface density at reference_radius")
+    surface_density: SurfaceDensity | None = Field(
+        None, gt=0, description="surface density of the gas at reference_radius"
+    )
     file: ColumnsFile = Field(
         None,
         description="text file with columns r, Sigma and optionally T, instead of the power law and the "
-        "temperature of eos; "
+        "temperature of background.eos; "
         'with units in the header: "# r [au]  Sigma [g/cm2]  T [K]"',
     )
     surface_density_index: Number = Field(1.0, description="p in Sigma ~ r^-p")
@@ -175,10 +179,10 @@ class Sizes(Table):
     smallest: Length = Field(gt=0, description="smallest grain radius")
     largest: Length = Field(gt=0, description="largest grain radius")
     index: Number = Field(
-        3.5, description="p in the size distribution n(s) ~ s^-p; 3.5: collisional cascade (Dohnanyi 1969)"
+        3.5, description="p in the size distribution n(s) ~ s^-p; 3.5 is a collisional cascade (Dohnanyi 1969)"
     )
     bins: Count | None = Field(
-        None, ge=1, description="number of different sizes; none: every particle has its own size"
+        None, ge=1, description="number of different sizes; without this key every particle has its own size"
     )
 
 
@@ -188,7 +192,7 @@ GrainSize: Any = value_or_table(Annotated[Length, Field(gt=0)], Sizes)
 class Dust(Table):
     """One population of dust."""
 
-    particles: Particles = Field(description="number of particles")
+    particles: Particles = Field(description="number of dust particles of the population")
     ratio: Number = Field(gt=0, description="dust-to-gas mass ratio")
     grain_size: GrainSize | None = Field(
         None, description="grain radius, or a size distribution {smallest, largest, index, bins}"
@@ -205,43 +209,54 @@ class Dust(Table):
 class Drag(Table):
     law: LawName = Field(description="drag law: formula of the stopping time")
     K: Annotated[float | None, Measure("drag_coefficient")] = Field(
-        None, gt=0, description='drag coefficient K in the force density K (v - u), for law "constant"'
+        None,
+        gt=0,
+        description="drag coefficient K in the force density K (v - u) between dust (v) and gas (u), for law "
+        '"constant"',
     )
     t_stop: Time | None = Field(None, gt=0, description='stopping time, for law "stopping-time"')
     stokes: Number | None = Field(
-        None, gt=0, description='Stokes number t_stop Omega; for "stokes-over-density" the value at Sigma_ref'
+        None,
+        gt=0,
+        description='Stokes number t_stop Omega; for law "stokes-over-density" its value at the surface '
+        "density Sigma_ref",
     )
     convention: Literal["papers", "kinetic"] = Field(
-        "kinetic", description='Epstein t_stop = sqrt(pi/8) s rho_s / (c_s rho_g); "papers": s rho_s / (c_s rho_g)'
+        "kinetic",
+        description='Epstein law: "kinetic" t_stop = sqrt(pi/8) s rho_s / (c_s rho_g); "papers" s rho_s / (c_s rho_g)',
     )
     supersonic: StrictBool = Field(
         False, description="supersonic correction: Epstein drag times sqrt(1 + (9 pi/128) (slip / c_s)^2)"
     )
     mean_free_column: Annotated[float | None, Measure("surface_density"), Default("mu m_u / 2e-15 cm2")] = Field(
-        None, gt=0, description='rho_g times the mean free path, for law "epstein-stokes"'
+        None, gt=0, description='gas density rho_g times the mean free path, for law "epstein-stokes"'
     )
     direction: Literal["two-way", "one-way"] = Field(
-        "two-way", description="two-way: dust acts on the gas; one-way: it does not"
+        "two-way", description='"two-way": dust acts on the gas; "one-way": dust does not act on the gas'
     )
     scheme: SchemeName = Field(
-        DEFAULT_SCHEME, description="numerical scheme of the drag; -ppm: gas and dust are fluids on a fixed 1D grid"
+        DEFAULT_SCHEME,
+        description="numerical scheme of the drag; names in -ppm: gas and dust are fluids on a fixed 1D grid",
     )
     kernel: Literal["gas", "double-hump"] = Field(
-        "gas", description='kernel of drag between pairs: W of the gas, or "double-hump": q^2 W'
+        "gas",
+        description='kernel of drag between particle pairs: "gas" is W(q) of gas.kernel, "double-hump" is q^2 W(q)',
     )
     cell: Annotated[
         Number | None, Default("1D: 1, at most 2 gas spacings; 2D: 2, at most 2.7 gas spacings and 0.7 H")
     ] = Field(None, gt=0, description="side of a drag cell, in local mean smoothing lengths h")
-    cell_length: Length | None = Field(None, gt=0, description="side of a drag cell as a length, instead of cell")
+    cell_length: Length | None = Field(None, gt=0, description="side of a drag cell as a length, instead of drag.cell")
     # The mean slip of a class is exact in steady drift; in steps below t_stop its error is at most (ln 1.4)^2 / 12.
     class_width: Number = Field(
-        1.4, gt=1, description="largest ratio of stopping times in a class of grains, which relax together"
+        1.4,
+        gt=1,
+        description="largest ratio of stopping times in a class of grains; the grains of a class relax together",
     )
     heating: Annotated[StrictBool, Default("true for adiabatic gas and two-way drag")] = Field(
         description="frictional heating of the gas"
     )
     integration: Literal["exponential", "implicit"] = Field(
-        "exponential", description='time integration: exact exponential, or "implicit": first-order backward Euler'
+        "exponential", description='time integration: "exponential" is exact, "implicit" is first-order backward Euler'
     )
 
 
@@ -249,8 +264,9 @@ class SelfGravity(Table):
     softening: Length | None = Field(None, gt=0, description='Plummer softening length, for kernel "plummer"')
     kernel: Literal["plummer", "thin-disc"] = Field(
         "plummer",
-        description="softened potential: 1 / sqrt(r^2 + softening^2), or the average over a Gaussian disc with "
-        "scale height thickness",
+        description='potential: "plummer" -G m / sqrt(r^2 + softening^2), "thin-disc" averaged over a '
+        "Gaussian disc with "
+        "the scale height `thickness`",
     )
     thickness: Length | None = Field(None, gt=0, description='constant scale height H, for kernel "thin-disc"')
     sources: tuple[Literal["gas", "dust"], ...] = Field(
@@ -260,21 +276,25 @@ class SelfGravity(Table):
 
 class Star(Table):
     mass: Mass = Field(gt=0, description="mass of the star")
-    accretion_radius: Length = Field(0.0, ge=0, description="radius within which particles are accreted; 0: none")
+    accretion_radius: Length = Field(
+        0.0, ge=0, description="radius within which particles are accreted; 0: no accretion"
+    )
     softening: Length = Field(0.0, ge=0, description="Plummer softening length")
     frame: Literal["star", "inertial"] = Field(
-        "star", description='"star": origin at the star; "inertial": the star moves'
+        "star", description='frame: "star" has its origin at the star; in "inertial" the star moves'
     )
     indirect: Annotated[
         tuple[Literal["companions", "gas", "dust"], ...] | None,
         Default("companions; gas and dust with [self_gravity]"),
     ] = Field(None, description="sources of gravity that accelerate the star")
     grows: StrictBool = Field(
-        False, description="accreted mass is added to the star (and momentum, in the inertial frame)"
+        False,
+        description="the mass of accreted particles, in the inertial frame also their momentum, is added to the star",
     )
     centre: Literal["star", "barycentre"] = Field(
         "star",
-        description='centre of the disc; "barycentre": of star and bound companions, needs frame = "inertial"',
+        description="centre of the disc: the star, or the barycentre of star and bound companions, for frame "
+        '= "inertial"',
     )
 
 
@@ -303,7 +323,7 @@ def _read_softening(value: Any, info: ValidationInfo) -> Softening:
             raise fault(str(error)) from error
         except ValueError:  # also the fault of `number`
             raise fault(
-                f'{shown(value)} is not a length; expected one like "0.03", or a number of scale heights'
+                f'{shown(value)} is not a length; expected a length like "0.03", or a number of scale heights'
             ) from None
         found = Softening(length, False)
     if found.value < 0.0:
@@ -314,18 +334,20 @@ def _read_softening(value: Any, info: ValidationInfo) -> Softening:
 class Companion(Table):
     """A companion of the star."""
 
-    mass: Mass = Field(gt=0, description="mass of the companion; its orbit always uses the full mass")
+    mass: Mass = Field(
+        gt=0, description="mass of the companion; the orbit is computed with the full mass even during `ramp`"
+    )
     semi_major_axis: Length = Field(
-        gt=0, description="semi-major axis about the star; for a hyperbola its absolute value"
+        gt=0, description="semi-major axis of the orbit about the star; of a hyperbola the absolute value"
     )
     eccentricity: Number = Field(0.0, ge=0, description="eccentricity; above 1: a fly-by on a hyperbola")
-    phase: Number = Field(0.0, description="true anomaly at t = 0 in degrees; pericentre at +x")
+    phase: Number = Field(0.0, description="true anomaly at t = 0 in degrees; the pericentre is at +x")
     orbit: Literal["fixed", "live"] = Field(
-        "fixed", description='Kepler orbit, or "live": integrated with the forces listed in feels'
+        "fixed", description='"fixed": a Kepler orbit; "live": an orbit integrated with the forces listed in `feels`'
     )
     feels: Annotated[
         tuple[Literal["star", "companions", "gas", "dust"], ...] | None, Default("all in the scene, if live")
-    ] = Field(None, description="sources of gravity that act on a live companion")
+    ] = Field(None, description='sources of gravity that act on a companion with orbit = "live"')
     softening: Annotated[Any, BeforeValidator(_read_softening), AllowedValues("length in quotes, or number of H")] = (
         Field(
             description="Plummer softening of the companion's gravity: a length, or a number of local scale heights H"
@@ -336,9 +358,11 @@ class Companion(Table):
         ge=0,
         description="time over which the companion's gravity on gas and dust grows to full strength, as sin^2",
     )
-    accretion_radius: Length = Field(0.0, ge=0, description="radius within which particles are accreted; 0: none")
+    accretion_radius: Length = Field(
+        0.0, ge=0, description="radius within which particles are accreted; 0: no accretion"
+    )
     accretion_rate: Annotated[Number | None, Default("all at once")] = Field(
-        None, gt=0, description="fraction of the mass within accretion_radius accreted per local orbit"
+        None, gt=0, description="fraction of the mass within accretion_radius that is accreted per local orbit"
     )
     every: Annotated[Time | None, Default("every step")] = Field(
         None, gt=0, description="interval between rows of companions.csv"
@@ -348,7 +372,7 @@ class Companion(Table):
 def _as_list(value: Any) -> Any:
     """Return the value of the key beta, a number or a list, as a list. Raises a `fault` for an empty list."""
     if isinstance(value, list | tuple) and not value:
-        raise fault("the list is empty; expected a number, or one number per population of dust")
+        raise fault("the list is empty; expected a number, or a list of one number per population of dust")
     return list(value) if isinstance(value, list | tuple) else [value]
 
 
@@ -357,7 +381,10 @@ class RadiationPressure(Table):
         tuple[Annotated[Number, Field(ge=0)], ...],
         BeforeValidator(_as_list),
         AllowedValues("number, or list of numbers"),
-    ] = Field(description="F_rad / F_grav of the grains; list: one number per population of dust")
+    ] = Field(
+        description="ratio of radiation force to gravity, F_rad / F_grav, of the grains; a list has one "
+        "number per population of dust"
+    )
 
 
 class External(Table):
@@ -372,16 +399,16 @@ class Cooling(Table):
     """Cooling of the gas, which needs eos.kind = "adiabatic"."""
 
     kind: Literal["beta", "constant", "radiative"] = Field(description="cooling law")
-    beta: Number | None = Field(None, gt=0, description='cooling time in 1 / Omega_K, for kind "beta"')
+    beta: Number | None = Field(None, gt=0, description='cooling time in units of 1 / Omega_K, for kind "beta"')
     t_cool: Time | None = Field(None, gt=0, description='cooling time, for kind "constant"')
     opacity: Annotated[
         Any, Measure("opacity", words=(OPACITY_TABLE,)), AllowedValues(f'opacity, "{OPACITY_TABLE}"')
     ] = Field(None, description=f'opacity, for kind "radiative"; "{OPACITY_TABLE}": table of Bell & Lin (1994)')
     aspect_ratio: Annotated[Number | None, Default("same as gas.eos")] = Field(
-        None, ge=0, description="H/r at reference_radius that the gas cools to; 0: cools to zero energy"
+        None, ge=0, description="H/r at reference_radius to which the gas cools; 0: the gas cools to zero energy"
     )
     temperature_index: Annotated[Number | None, Default("same as gas.eos")] = Field(
-        None, description="q in c_s^2 ~ r^-q of the disc that the gas cools to"
+        None, description="q in c_s^2 ~ r^-q of the temperature to which the gas cools"
     )
     reference_radius: Annotated[Length | None, Default("same as gas.eos")] = Field(
         None, gt=0, description="radius at which aspect_ratio holds"
@@ -391,29 +418,33 @@ class Cooling(Table):
 class Damping(Table):
     """Zones at the edges in which velocities relax to the local equilibrium."""
 
-    inner: Zone | None = Field(None, description="zone at the inner edge [from, to]; full damping at and inside from")
-    outer: Zone | None = Field(None, description="zone at the outer edge [from, to]; full damping at and outside to")
+    inner: Zone | None = Field(
+        None, description="damping zone [from, to] at the inner edge; full damping up to the radius `from`"
+    )
+    outer: Zone | None = Field(
+        None, description="damping zone [from, to] at the outer edge; full damping from the radius `to` outwards"
+    )
     time: Number = Field(0.3, gt=0, description="relaxation time at full damping, in local orbits")
 
 
 class AlphaViscosity(Table):
     alpha: Number | None = Field(None, gt=0, description="alpha in the viscosity nu = alpha c_s H")
-    nu: Diffusivity | None = Field(None, gt=0, description="uniform viscosity, instead of alpha")
+    nu: Diffusivity | None = Field(None, gt=0, description="uniform viscosity nu, instead of alpha")
     index: Number = Field(
-        0.0, description="power-law index of alpha ~ r^index; alpha holds at initial.reference_radius"
+        0.0, description="power-law index of alpha ~ r^index; `alpha` is the value at initial.reference_radius"
     )
     inner_alpha: Number | None = Field(
-        None, ge=0, description="alpha far inside `radius`; with outer_alpha, instead of alpha"
+        None, ge=0, description="alpha far inside `radius`; inner_alpha and outer_alpha replace alpha"
     )
     outer_alpha: Number | None = Field(None, ge=0, description="alpha far outside `radius`")
     radius: Length | None = Field(None, gt=0, description="radius of the step from inner_alpha to outer_alpha")
     width: Number | None = Field(None, gt=0, description="width of the step in ln r: tanh(ln(r / radius) / width)")
     step: Literal["linear", "logarithmic"] = Field(
-        "linear", description="quantity that follows the tanh: alpha, or ln alpha"
+        "linear", description='quantity that follows the tanh: "linear" alpha, "logarithmic" ln alpha'
     )
     dead_alpha: Number | None = Field(None, ge=0, description="alpha inside the dead zone")
     dead_inner: Length | None = Field(None, gt=0, description="inner edge of the dead zone")
     dead_outer: Length | None = Field(None, gt=0, description="outer edge of the dead zone")
     dead_width: Number | None = Field(
-        None, gt=0, description="width of the dead zone's edges in ln r: tanh(ln(r / edge) / dead_width)"
+        None, gt=0, description="width of the edges of the dead zone in ln r: tanh(ln(r / edge) / dead_width)"
     )

@@ -244,7 +244,7 @@ def _validate(data: dict[str, Any], own_particles: bool, folder: Path) -> tuple[
     ]
     title = data.get("title", "")
     if not isinstance(title, str):
-        faults.append((("title",), f"{shown(title)} is not a text; expected a title in quotes"))
+        faults.append((("title",), f"{shown(title)} is not text; expected a title in quotes"))
     # A mistyped table name is one fault: do not report the intended table as missing as well.
     meant = {nearest(name, _table_names()) or "": None for name in unknown}
     required = [name for name in REQUIRED if not own_particles or name != "initial"]
@@ -286,7 +286,7 @@ def _read_units(data: dict[str, Any]) -> tuple[Units, list[Problem]]:
         except UnitError as error:
             faults.append((("units", name), str(error)))
         if table.system == "code":
-            faults.append((("units", name), 'not used with system = "code"; remove this key'))
+            faults.append((("units", name), 'not used with units.system = "code"; remove this key'))
     if faults:
         return Units(table.system, dimensions), faults
     return Units(table.system, dimensions, table.length, table.mass), faults
@@ -375,7 +375,7 @@ def _validate_table(name: str, filled: Any, raw: Any, units: Units, folder: Path
     filled: the table with defaults. raw: the table as the scene writes it. folder: directory for relative paths.
     """
     if not isinstance(raw, dict) and not (isinstance(raw, list) and _may_repeat(name)):
-        return None, [((name,), f"{shown(raw)} is not a table; expected [{name}] with its keys")]
+        return None, [((name,), f"{shown(raw)} is not a table; expected the table [{name}]")]
     if raw == []:
         return None, [((name,), f"the list is empty; expected [{name}] or [[{name}]]")]
     try:

@@ -157,7 +157,7 @@ def _problem_at(
         measure = fields.measure_of(field) if field else None
         words = f"; expected {units.expected(measure.name)}" if measure and measure.name else ""
         if measure and units.system == "code":
-            words = "; expected a plain number"
+            words = "; expected a number without unit"
         meaning = f" ({field.description})" if field and field.description else ""
         return path, f"missing{meaning}{words}"
     if kind == "extra_forbidden":
@@ -177,9 +177,9 @@ def _problem_at(
         wrong = "is not positive" if (key, context[key]) == ("gt", 0) else "is out of range"
         return path, f"{shown(value)} {wrong}; expected {words} {context[key]:g}"
     if kind == "bool_type":
-        return path, f"{shown(value)} is neither true nor false"
+        return path, f"{shown(value)} is neither true nor false; expected true or false"
     if kind in ("model_type", "model_attributes_type"):
-        return path, f"{shown(value)} is not a table; expected [{'.'.join(map(str, path))}] with its keys"
+        return path, f"{shown(value)} is not a table; expected the table [{'.'.join(map(str, path))}]"
     return path, f"{shown(value)}: {detail['msg'][0].lower()}{detail['msg'][1:]}"
 
 
@@ -192,7 +192,7 @@ def _choice_problem(
     words = ", ".join(f'"{choice}"' if not choice.isdecimal() else choice for choice in choices)
     if kind.startswith("union"):
         if not isinstance(value, dict):
-            return path, f"{shown(value)} is not a table; expected [{'.'.join(map(str, path))}] with its keys"
+            return path, f"{shown(value)} is not a table; expected the table [{'.'.join(map(str, path))}]"
         path, value = (*path, "kind"), value.get("kind")
         if kind == "union_tag_not_found":
             return path, "missing; expected one of " + ", ".join(f'"{_kind_of_model(model)}"' for model in models)
@@ -211,5 +211,5 @@ def _hint_elsewhere(path: KeyPath) -> str:
                 places += [((table, name, key), each) for each in inner]
     for place, model in places:
         if place == path:
-            return f'; it is a key of kind = "{_kind_of_model(model)}"'
+            return f'; the key exists only with kind = "{_kind_of_model(model)}"'
     return f'; did you mean "{name_of(places[0][0])}"?' if places else ""

@@ -46,7 +46,7 @@ def parse_scene(path: Path, text: str) -> dict[str, Any]:
         raise SceneError([f"{path}:1: not valid TOML: {reason}"]) from None
     if not data:
         wanted = ", ".join(f"[{name}]" for name in REQUIRED)
-        raise SceneError([f"{path}:1: the scene is empty; expected the tables {wanted} and [gas] or [dust]"])
+        raise SceneError([f"{path}:1: the scene is empty; add the tables {wanted}, and [gas] or [dust]"])
     return data
 
 

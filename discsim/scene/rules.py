@@ -138,10 +138,13 @@ def _output_time_problems(draft: Draft) -> Iterator[Problem]:
     if not run or run.every is None:
         return
     if draft.gives("run", "snapshots"):
-        yield ("run", "every"), "run.snapshots is also given; expected only one of the two"
+        yield ("run", "every"), "run.snapshots is also given; keep run.every or run.snapshots"
     elif run.until > MAX_SNAPSHOTS * run.every:
         number = run.until / run.every
-        yield ("run", "every"), f"gives {number:.3g} snapshots until run.until; expected at most {MAX_SNAPSHOTS:g}"
+        yield (
+            ("run", "every"),
+            f"the interval gives {number:.3g} snapshots until run.until; expected at most {MAX_SNAPSHOTS:g} snapshots",
+        )
 
 
 def _cell_problems(draft: Draft) -> Iterator[Problem]:
@@ -151,14 +154,17 @@ def _cell_problems(draft: Draft) -> Iterator[Problem]:
         return
     if not space.cells:
         if min(space.size) < max(space.size):
-            wrong = "missing, but a periodic space with unequal sides needs it"
-            yield ("space", "cells"), f"{wrong}; expected a whole number of square cells per side"
+            wrong = "missing, but required in a periodic space with unequal sides"
+            yield (
+                ("space", "cells"),
+                f"{wrong}; add a number of cells that gives a whole number of square cells on each side",
+            )
         return
     cells = [side / max(space.size) * space.cells for side in space.size]
     if any(abs(number - round(number)) > 1e-9 * number or round(number) < 1 for number in cells):
         text = " x ".join(f"{number:g}" for number in cells)
         wrong = f"the sides of the periodic space are {text} square cells"
-        yield ("space", "cells"), f"{wrong}; expected whole numbers, by another number of cells"
+        yield ("space", "cells"), f"{wrong}; change space.cells so that these numbers are whole"
 
 
 def _exclusion_by_start(draft: Draft, path: tuple[str, ...], found: Any, allowed: Iterable[Any]) -> Problem:
@@ -197,7 +203,10 @@ def _size_problem_of_start(draft: Draft) -> Iterator[Problem]:
     if length > half * (1 + 1e-9):
         share = half / length
         of = f"{reach:g} initial.{key}" if reach > 1 else f"initial.{key}"
-        yield ("space", "size"), f"the space is too small: half a side is {share:.3g} times {of}; expected at least 1"
+        yield (
+            ("space", "size"),
+            f"the space is too small: half a side is {share:.3g} times {of}; expected a factor of at least 1",
+        )
 
 
 def quoted(names: Iterable[str]) -> str:
@@ -212,7 +221,7 @@ def missing_tables(draft: Draft, where: tuple[str | int, ...], reasons: Mapping[
     """
     for table, reason in reasons.items():
         if not draft.has(table):
-            yield where, f"{reason}; expected a table [{table}] too"
+            yield where, f"{reason}; add a table [{table}]"
 
 
 def starts_where(which: Callable[[Start], Any]) -> list[str]:
@@ -225,7 +234,7 @@ def _coupling_problem(draft: Draft) -> Iterator[Problem]:
     owners = [name for name in EFFECTS if draft.has(name) and EFFECTS[name].role.kicks]
     if len(owners) > 1:
         first, second = owners[:2]
-        yield (second,), f"[{first}] already couples gas and dust; expected only one of the two tables"
+        yield (second,), f"[{first}] already couples gas and dust; keep [{first}] or [{second}]"
 
 
 def longest_courant(draft: Draft) -> tuple[float, str]:
@@ -256,7 +265,7 @@ def _courant_problem(draft: Draft) -> Iterator[Problem]:
         return
     most, what = longest_courant(draft)
     if draft.run.courant > most:
-        wrong = f"{draft.run.courant:g} gives time steps so long that {what}"
+        wrong = f"the value {draft.run.courant:g} gives time steps so long that {what}"
         yield ("run", "courant"), f"{wrong}; expected at most {math.floor(100.0 * most) / 100.0:g}"
 
 

@@ -46,18 +46,18 @@ class UnitsTable(Table):
 
 
 class Run(Table):
-    until: Time = Field(gt=0, description="end time; the last step lands on it exactly")
+    until: Time = Field(gt=0, description="end time; the last step ends exactly at this time")
     snapshots: Count = Field(
         10, ge=1, le=MAX_SNAPSHOTS, description="number of snapshots after the initial one, evenly spaced in time"
     )
-    every: Time | None = Field(None, gt=0, description="time between snapshots, instead of their number")
+    every: Time | None = Field(None, gt=0, description="time between snapshots, instead of run.snapshots")
     seed: Count = Field(1, ge=0, description="seed of the random numbers")
     courant: Annotated[Number, Default(f"{COURANT}; with a star {COURANT_OF_DISCS}")] = Field(
         gt=0, le=MAX_COURANT, description="Courant factor: time step as a fraction of each effect's limit"
     )
-    timestep: Time | None = Field(None, gt=0, description="fixed time step, instead of a variable one")
+    timestep: Time | None = Field(None, gt=0, description="fixed time step, instead of a variable time step")
     integrator: IntegratorName = Field(
-        "kdk", description='time integrator: kick-drift-kick leapfrog, or "euler": forward Euler'
+        "kdk", description='time integrator: "kdk" is the kick-drift-kick leapfrog, "euler" is forward Euler'
     )
     threads: Annotated[Count | None, Default("all cores")] = Field(
         None, ge=1, description="number of threads; results do not depend on it"
@@ -73,7 +73,7 @@ class Run(Table):
 class Space(Table):
     dimensions: Annotated[Literal[1, 2], BeforeValidator(whole_number)] = Field(2, description="number of dimensions")
     size: Annotated[tuple[Annotated[float, Field(gt=0), Measure("length")], ...], BeforeValidator(sides_of_space)] = (
-        Field(description="side length of space, or [x, y]")
+        Field(description="side length of space, or the two lengths [x, y]")
     )
     cells: Annotated[Count | None, Default("from the particles")] = Field(
         None, ge=1, le=65536, description="number of square grid cells along the longest side"

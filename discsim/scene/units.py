@@ -91,7 +91,7 @@ def parse_quantity(text: str, expected: str = 'a number and a unit, like "10 au"
     if not name:
         raise UnitError(f'"{text}" has no unit; expected {expected}')
     if len(name) > MAX_ECHO:
-        raise UnitError(f'"{text}": unknown unit; expected an astropy unit')
+        raise UnitError(f'"{text}": unknown unit; expected a unit of astropy')
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # astropy warns about several slashes, as in "g / cm / s"
@@ -100,7 +100,7 @@ def parse_quantity(text: str, expected: str = 'a number and a unit, like "10 au"
     except (ValueError, TypeError, AttributeError, ArithmeticError) as error:
         near = get_close_matches(name, _UNITS_FOR_HINTS, n=1, cutoff=0.5)
         hint = f'; did you mean "{near[0]}"?' if near else ""
-        raise UnitError(f'"{text}": unknown unit "{name}"; expected an astropy unit{hint}') from error
+        raise UnitError(f'"{text}": unknown unit "{name}"; expected a unit of astropy{hint}') from error
     if not math.isfinite(number):
         raise UnitError(f'"{text}" is not a finite number')
     return astropy.units.Quantity(number, unit)
@@ -315,11 +315,13 @@ class Units:
         try:
             unit = _in_cgs(quantity.unit)
         except astropy.units.UnitsError as error:
-            raise UnitError(f'"{quantity}" has a unit that does not reduce to mass, length and time') from error
+            raise UnitError(
+                f'"{quantity}" has a unit that is not a product of powers of mass, length and time; use another unit'
+            ) from error
         powers = {base.name: float(power) for base, power in zip(unit.bases, unit.powers, strict=True)}
         exponents = (powers.get("g", 0.0), powers.get("cm", 0.0), powers.get("s", 0.0))
         if self.system == "code" and any(exponents):
-            raise UnitError(f'"{quantity}" has a unit, but the scene is in code units')
+            raise UnitError(f'"{quantity}" has a unit, but the scene is in code units; give a number without unit')
         return exponents
 
     def _conversion_factor(self, quantity: Any, exponents: Exponents) -> float:
@@ -335,7 +337,7 @@ class Units:
             return float(_in_cgs(quantity.unit).scale / self._cgs_factor(exponents))
         except ArithmeticError:  # overflow, for example of cm100 for a steep polytrope
             wrong = f"{quantity.unit} overflows in code units"
-            raise UnitError(f"{wrong}; expected smaller powers, or other code units") from None
+            raise UnitError(f"{wrong}; use smaller powers, or other code units") from None
 
     @staticmethod
     def _cgs_unit(exponents: Exponents) -> str:

@@ -34,13 +34,16 @@ def beam_of(given: Any, prefix: str = "") -> Any:
     parts = given.split(",") if isinstance(given, str) else given if isinstance(given, list | tuple) else [given]
     if len(parts) not in (1, 3):
         raise PlotError(
-            f'{name}: "{clipped(str(given))}"; expected "0.05 arcsec", or three values with commas: full widths '
-            "along the major and the minor axis, and position angle"
+            f'{name}: "{clipped(str(given))}"; expected a full width "0.05 arcsec", or three values '
+            f"separated by commas: full widths "
+            "along the major and the minor axis, and the position angle"
         )
     widths = [positive_quantity(part, name, "arcsec") for part in parts[:2]]
     major, minor = widths[0], widths[-1]
     if minor > major:
-        raise PlotError(f'{name}: "{clipped(str(given))}": the second width is larger; expected the larger width first')
+        raise PlotError(
+            f'{name}: "{clipped(str(given))}": the second width is larger than the first; give the larger width first'
+        )
     turned = angle(parts[2], name) if len(parts) == 3 else 0.0
     from discsim.scene.astropy_units import units as u
 
@@ -57,8 +60,8 @@ def kernel_of(beam: Any, pixel: float, prefix: str = "") -> Array:
     narrow = float(beam.minor.to_value("arcsec")) / pixel
     if narrow < MIN_PIXELS:
         raise PlotError(
-            f"{prefix}beam: {narrow:.2g} pixels wide; expected at least {MIN_PIXELS:g}, by more "
-            f"{prefix}pixels or a smaller {prefix}fov"
+            f"{prefix}beam: {narrow:.2g} pixels wide, below {MIN_PIXELS:g}; choose a wider beam, more "
+            f"{prefix}pixels, or a smaller {prefix}fov"
         )
     sigma = float(beam.major.to_value("arcsec")) / pixel / np.sqrt(8.0 * np.log(2.0))
     size = 2 * int(np.ceil(MARGIN * sigma)) + 1

@@ -44,9 +44,9 @@ def header_of(sky: SkyMap) -> Any:
     header["ORIGIN"] = f"discsim {__version__}"
     header["DISTANCE"] = (sky.distance, "pc")
     for key, value, comment in (
-        ("INCL", sky.orientation.inclination, "deg, inclination"),
-        ("POSANG", sky.orientation.position_angle, "deg, of the receding major axis"),
-        ("AZIMUTH", sky.orientation.azimuth, "deg, turn before the inclination"),
+        ("INCL", sky.orientation.inclination, "inclination in deg"),
+        ("POSANG", sky.orientation.position_angle, "position angle in deg, receding major axis"),
+        ("AZIMUTH", sky.orientation.azimuth, "rotation in deg before the inclination"),
     ):
         header[key] = (float(np.degrees(value)), comment)
     header["SIMTIME"] = (_plain(sky.time), "time of the snapshot")

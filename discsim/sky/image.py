@@ -147,10 +147,13 @@ class SkyMap:
         """
         same = self.values.shape == other.values.shape and self.pixel == other.pixel and self.beam == other.beam
         if not same or (self.quantity, other.quantity) != ("intensity", "intensity"):
-            raise PlotError("spectral index: two intensities with the same pixels and beam are needed")
+            raise PlotError(
+                "spectral index: the two maps differ in pixels, beam or quantity; use two intensities with "
+                "equal pixels and beams"
+            )
         ratio = float((other.wavelength / self.wavelength).to_value(""))
         if ratio == 1.0:
-            raise PlotError("spectral index: both maps have the same wavelength; expected two wavelengths")
+            raise PlotError("spectral index: the two maps have the same wavelength; use two wavelengths")
         least = [threshold if threshold is not None else 5.0 * m.noise or 1e-3 * m.values.max() for m in (self, other)]
         bright = (self.values > least[0]) & (other.values > least[1])
         index = np.full(self.values.shape, np.nan)
@@ -252,12 +255,17 @@ def image_of(snap: Snapshot, options: ImageOptions) -> SkyMap:
     rms = beams.noise_of(options.noise, prefix)
     if options.quantity != "intensity":
         if rms:
-            raise PlotError(f"{prefix}noise: used only for intensities; expected {prefix}quantity intensity")
+            raise PlotError(
+                f"{prefix}noise: used only with {prefix}quantity intensity; set {prefix}quantity to "
+                f"intensity, or remove {prefix}noise"
+            )
         values = _velocity(snap, sky, kernel, residual=options.quantity == "residual")
         text = "line-of-sight velocity of the gas" + (" less Kepler's" if options.quantity == "residual" else "")
         return replace(empty, values=values, unit="km/s", description=(text,))
     if rms and kernel is None:
-        raise PlotError(f"{prefix}noise: given without a beam, which correlates it; expected {prefix}beam too")
+        raise PlotError(
+            f"{prefix}noise: the noise needs a beam, which correlates the noise of pixels; add {prefix}beam"
+        )
     seen = positive_quantity(options.wavelength, f"{prefix}wavelength", "mm")
     kappa, law = opacity_of(options.opacity, prefix), law_of(options.temperature, prefix)
     brightness = _intensity(snap, sky, Optics(seen), kappa, law)
@@ -276,7 +284,7 @@ def _empty_map(snap: Snapshot, options: ImageOptions) -> tuple[SkyMap, _Sky, Arr
     """Return a map without values, its geometry, and the kernel of its beam (None without a beam). Raises PlotError."""
     prefix = options.prefix
     if options.distance is None:
-        raise PlotError(f'{prefix}distance: missing; expected the distance of the disc, like "140 pc"')
+        raise PlotError(f'{prefix}distance: missing; add the distance of the disc, like "140 pc"')
     away = float(positive_quantity(options.distance, f"{prefix}distance", "pc").to_value("pc"))
     pixels, au = checked_pixels(options.pixels, prefix), float(snap.units.quantity(1.0, "length").to_value("au"))
     if options.fov is None:
@@ -320,11 +328,11 @@ def _seed(options: ImageOptions) -> int:
 def check_snapshot(snap: Snapshot) -> None:
     """Raise PlotError for a snapshot that cannot be shown on the sky, and has no lengths in au or no centre."""
     if snap.dimensions != 2:
-        raise PlotError("a run in one dimension has no image on the sky; expected a disc in two dimensions")
+        raise PlotError("a run in one dimension has no image on the sky; use a run in two dimensions")
     if snap.units.system == "code":
-        raise PlotError('the scene is in code units, without lengths in au; expected units.system = "physical"')
+        raise PlotError('the scene is in code units, without lengths in au; use a run with units.system = "physical"')
     if not is_centred(snap):
-        raise PlotError("the scene has no disc about a centre; expected a scene with [star], or a start that is a disc")
+        raise PlotError("the scene has no disc about a centre; use a run with [star], or with a disc as initial.kind")
 
 
 def centre_of_disc(position: Any, prefix: str) -> tuple[float, float]:
@@ -355,7 +363,7 @@ def _intensity(snap: Snapshot, sky: _Sky, optics: Optics, opacity: Opacity, law:
         depth = depth + plane.sum(weight).T
         emitted = emitted + plane.sum(weight * optics.planck(temperatures(snap, grains.pos, law))).T
     if isinstance(depth, float):
-        raise PlotError("the snapshot has no dust; expected a run with [dust]")
+        raise PlotError("the snapshot has no dust; use a run with [dust]")
     depth = np.maximum(depth, 0.0)  # against rounding of filters
     # S (1 - exp(-tau)) with S = emitted / tau; the second factor is 1 for tau -> 0.
     escape = np.divide(-np.expm1(-depth), depth, where=depth > 0.0, out=np.ones_like(depth))
@@ -394,11 +402,11 @@ def _velocity(snap: Snapshot, sky: _Sky, kernel: Array | None, residual: bool) -
     """Return line-of-sight velocities [north, west] of the gas in km/s, NaN in empty pixels. Raises PlotError."""
     gas: SnapshotParticles | None = snap.gas
     if gas is None or not gas.count or gas.vel is None:
-        raise PlotError("the snapshot has no gas particles with velocities; expected a run with [gas]")
+        raise PlotError("the snapshot has no gas particles with velocities; use a run with [gas]")
     vel = gas.vel
     if residual:
         if "star" not in snap.tables:
-            raise PlotError("the scene has no star, and no Kepler orbits; expected a quantity other than residual")
+            raise PlotError("the scene has no star, and no Kepler orbits; choose another quantity than residual")
         x, y = gas.pos.T
         vel = vel - omega(snap, gas.radius)[:, None] * np.stack([-y, x], axis=1)
     plane = sky.plane(gas.pos)

@@ -64,7 +64,10 @@ class OfPopulations:
             return np.full(len(species), self.values[0])
         count = int(species.max(initial=-1)) + 1
         if count > len(self.values):
-            raise PlotError(f"opacity: {len(self.values)} values for {count} populations; expected one for each")
+            raise PlotError(
+                f"opacity: {len(self.values)} values for {count} populations of dust; give one value, or one "
+                f"for each population"
+            )
         return np.asarray(self.values)[species]
 
 
@@ -94,7 +97,10 @@ class OfTable:
         if self.size is None:
             return np.full(len(species), np.exp(by_wavelength[0]))
         if size is None:
-            raise PlotError(f"{self.path}: opacities by grain size, but the run has no grain sizes; expected one size")
+            raise PlotError(
+                f"{self.path}: the table has opacities by grain size, but the run has no grain sizes; use a "
+                f"table without the column size"
+            )
         self._check_range("grain sizes", "cm", self.size, size)
         found = RegularGridInterpolator((np.log(self.size),), by_wavelength)(np.log(size)[:, None])
         return np.exp(found)
@@ -106,8 +112,9 @@ class OfTable:
         low, high = float(wanted.min()), float(wanted.max())
         if low < table[0] * (1 - 1e-9) or high > table[-1] * (1 + 1e-9):
             raise PlotError(
-                f"{self.path}: {what} from {table[0]:.3g} to {table[-1]:.3g} {unit}, but {low:.3g} to {high:.3g} "
-                f"{unit} are needed; expected a table that contains them"
+                f"{self.path}: the table has {what} from {table[0]:.3g} to {table[-1]:.3g} {unit}, but "
+                f"{low:.3g} to {high:.3g} "
+                f"{unit} are needed; use a table with a wider range"
             )
 
 
@@ -124,7 +131,7 @@ def opacity_of(given: Any, prefix: str = "") -> Opacity:
     parts = given.split(",") if isinstance(given, str) else given if isinstance(given, list | tuple) else [given]
     if isinstance(given, str) and not given[:1].isdigit() and not given.startswith("."):
         raise PlotError(
-            f'{name}: "{clipped(given)}"; expected a value like "2 cm2/g", one for each population, separated by '
+            f'{name}: "{clipped(given)}"; expected a value like "2 cm2/g", values for all populations separated by '
             "commas, or a file .ecsv or .npz"
         )
     return OfPopulations([float(positive_quantity(part, name, "cm2/g").to_value("cm2/g")) for part in parts])
@@ -139,15 +146,15 @@ def read_opacities(path: Path) -> OfTable:
     """
     try:
         if path.stat().st_size > MAX_BYTES:
-            raise PlotError(f"{path}: larger than {MAX_BYTES >> 20} MiB; expected a table of opacities")
+            raise PlotError(f"{path}: the file is larger than {MAX_BYTES >> 20} MiB; use a smaller table of opacities")
         wavelength, size, table = _from_npz(path) if path.suffix == ".npz" else _from_ecsv(path)
     except OSError as error:
-        raise PlotError(f"{path}: cannot be read: {error.strerror or error}") from None
+        raise PlotError(f"{path}: cannot be read: {error.strerror or error}; use another file") from None
     arrays = [wavelength, table] + ([] if size is None else [size])
     if any(not np.isfinite(array).all() or (array <= 0.0).any() or not array.size for array in arrays):
-        raise PlotError(f"{path}: values that are not above 0 and finite; expected positive numbers")
+        raise PlotError(f"{path}: the table has values that are not positive and finite; expected positive numbers")
     if any((np.diff(axis) <= 0.0).any() for axis in (wavelength, size) if axis is not None):
-        raise PlotError(f"{path}: the same wavelength or size twice; expected each pair of the two once")
+        raise PlotError(f"{path}: a wavelength or a size occurs twice; give each pair of wavelength and size once")
     return OfTable(str(path), wavelength, size, table)
 
 
@@ -161,9 +168,7 @@ def _from_npz(path: Path) -> tuple[Array, Array | None, Array]:
     except (AttributeError, EOFError, KeyError, TypeError, ValueError, zipfile.BadZipFile) as error:
         raise PlotError(f"{path}: {clipped(str(error))}; expected arrays lam, a and k_abs of dsharp_opac") from None
     if lam.ndim != 1 or a.ndim != 1 or k_abs.shape != (len(a), len(lam)):
-        raise PlotError(
-            f"{path}: k_abs has shape {k_abs.shape}; expected sizes times wavelengths, {(a.size, lam.size)}"
-        )
+        raise PlotError(f"{path}: k_abs has shape {k_abs.shape}; expected (sizes, wavelengths) = {(a.size, lam.size)}")
     rows, columns = np.argsort(lam), np.argsort(a)
     return 10.0 * lam[rows], a[columns], k_abs.T[np.ix_(rows, columns)]
 
@@ -177,27 +182,28 @@ def _from_ecsv(path: Path) -> tuple[Array, Array | None, Array]:
         found = QTable.read(path, format="ascii.ecsv")
     except (ValueError, TypeError, UnicodeDecodeError) as error:
         reason = clipped(str(error).strip().partition("\n")[0])
-        raise PlotError(f"{path}: not an ECSV table: {reason}; expected columns {', '.join(COLUMNS)}") from None
+        raise PlotError(f"{path}: not an ECSV table: {reason}; expected the columns {', '.join(COLUMNS)}") from None
     columns = {}
     for name, unit in COLUMNS.items():
         if name not in found.colnames:
             if name == "size":
                 continue
-            raise PlotError(f"{path}: no column {name}; expected columns {', '.join(COLUMNS)} with units")
+            raise PlotError(f"{path}: no column {name}; expected the columns {', '.join(COLUMNS)} with units")
         try:
             columns[name] = np.asarray(found[name].to_value(unit), dtype=float)
         except (AttributeError, u.UnitConversionError):
-            raise PlotError(f"{path}: column {name} has no unit like {unit}; expected one in the header") from None
+            raise PlotError(f"{path}: column {name} has no unit like {unit}; add the unit in the header") from None
     wavelength, at = np.unique(columns["wavelength"], return_inverse=True)
     if "size" not in columns:
         if len(wavelength) != len(at):
-            raise PlotError(f"{path}: a wavelength occurs twice; expected each once, or a column size")
+            raise PlotError(f"{path}: a wavelength occurs twice; give each wavelength once, or add a column size")
         return wavelength, None, columns["absorption"][np.argsort(columns["wavelength"])][:, None]
     size, of = np.unique(columns["size"], return_inverse=True)
     table = np.zeros((len(wavelength), len(size)))
     table[at, of] = columns["absorption"]
     if len(at) != table.size or (np.bincount(at * len(size) + of, minlength=table.size) != 1).any():
         raise PlotError(
-            f"{path}: {len(at)} rows for {len(wavelength)} wavelengths and {len(size)} sizes; expected each pair once"
+            f"{path}: {len(at)} rows for {len(wavelength)} wavelengths and {len(size)} sizes; give each pair "
+            f"of wavelength and size once"
         )
     return wavelength, size, table

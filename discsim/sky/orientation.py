@@ -64,7 +64,7 @@ def orientation_of(inclination: Any, position_angle: Any, azimuth: Any, prefix: 
     if not 0.0 <= degrees <= 180.0 or abs(degrees - 90.0) < EDGE_ON:
         raise PlotError(
             f"{prefix}inclination: {degrees:g} deg; expected 0 to {90 - EDGE_ON:g} deg, or {90 + EDGE_ON:g} to 180 deg "
-            "for a disc that rotates clockwise on the sky: the disc has no height, and vanishes when seen from its edge"
+            "for a disc that rotates clockwise on the sky; nearer to 90 deg a disc without height cannot be seen"
         )
     dash = "-" if prefix else "_"
     return Orientation(i, angle(position_angle, f"{prefix}position{dash}angle"), angle(azimuth, f"{prefix}azimuth"))

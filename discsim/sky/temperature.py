@@ -25,7 +25,10 @@ Array = np.ndarray
 DragLaw = Callable[[Array], Array]  # temperature in K as a function of the radius in au
 NEIGHBOURS = 12  # gas particles over which the temperature at a grain is averaged
 GRAZING_ANGLE = 0.05
-EXPECTED = 'expected "20 K", "150 K,1 au,0.5" (value, radius, index) or "1 Lsun" or "1 Lsun,0.05" (grazing angle)'
+EXPECTED = (
+    'expected "20 K", a power law "150 K,1 au,0.5" (value, radius, index), or a luminosity "1 Lsun" '
+    'or "1 Lsun,0.05" (with the grazing angle)'
+)
 
 
 def law_of(given: Any, prefix: str = "") -> DragLaw | None:
@@ -81,10 +84,13 @@ def temperatures(snap: Snapshot, pos: Array, law: DragLaw | None) -> Array:
         au = float(snap.units.quantity(1.0, "length").to_value("au"))
         found = np.asarray(law(au * np.hypot(*pos.T)), dtype=float)
         if found.shape != (len(pos),) or not np.isfinite(found).all() or (found < 0.0).any():
-            raise PlotError("temperature: the law gives values that are not finite or negative; expected K for each")
+            raise PlotError(
+                "temperature: the law gives values that are negative or not finite; expected a temperature "
+                "in K for each radius"
+            )
         return found
     if snap.gas is None or not snap.gas.count or snap.gas.temperature is None:
-        raise PlotError("temperature: the snapshot has no gas with a temperature; expected a law, " + EXPECTED[9:])
+        raise PlotError("temperature: the snapshot has no gas with a temperature; " + EXPECTED)
     from scipy.spatial import cKDTree
 
     number = min(NEIGHBOURS, snap.gas.count)

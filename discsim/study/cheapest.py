@@ -62,7 +62,9 @@ def parse_reference(texts: Sequence[str]) -> Settings:
     for text in texts:
         key, _, value = (part.strip() for part in text.partition("="))
         if not (key and value):
-            raise StudyError(f"--reference {text}: not a key with a value; expected one like run.courant=0.2")
+            raise StudyError(
+                f"--reference {text}: not a key with a value; expected table.key=value, like run.courant=0.2"
+            )
         settings[key] = value
     return settings
 
@@ -77,7 +79,9 @@ def parse_error(text: str) -> float | None:
     except ValueError:
         goal = math.nan
     if not 0.0 < goal < math.inf:
-        raise StudyError(f'--error {text}: not an error; expected a number above 0, like 1% or 0.01, or "{SCENE}"')
+        raise StudyError(
+            f"--error {text}: not an error; expected a number above 0, like 1% or 0.01, or the word {SCENE}"
+        )
     return goal
 
 
@@ -88,7 +92,7 @@ def parse_budget(text: str) -> float:
     except UnitError:
         budget = math.nan
     if not budget > 0.0:
-        raise StudyError(f'--budget {text}: not a positive wall-clock time; expected one like "1 h"')
+        raise StudyError(f'--budget {text}: not a positive wall-clock time; expected a time like "1 h"')
     return budget
 
 
@@ -261,7 +265,7 @@ class Cheapest:
         if self.found is not None:
             self._write_cheapest()
             path = printable(self.directory / "cheapest.toml")
-            say(f"scene {path}, which takes: discsim run {path}")
+            say(f"scene {path}; run it with: discsim run {path}")
         say(f"runs {printable(self.directory / RUNS)}")
         say(f"log {printable(say.log)}")
         return self.found is not None
@@ -278,17 +282,20 @@ class Cheapest:
             self.runner.run([self.unchanged], self.options.repeat)
             if self.scene is None:
                 stopped = self.runner.trials[self.unchanged].stopped
-                raise StudyError(f"the error of the scene cannot be measured: it was {stopped}")
+                raise StudyError(f"the error of the scene cannot be measured: the run of the scene was {stopped}")
             self.goal = self.scene.error
         if self.goal < self.floor:
-            say(f"{percent(self.goal)} is below the scatter between seeds: the search is for {percent(self.floor)}")
+            say(
+                f"{percent(self.goal)} is below the scatter between seeds: the search uses an error of "
+                f"{percent(self.floor)}"
+            )
             self.goal = self.floor
         search = Search(self.knobs.all, self.runner, self.goal, self.knobs.start(), say, self.options.repeat)
         self.found = search.run()
         if not finished_trials(self.runner.trials):
-            raise StudyError(f"no run completed; the scene was {self.runner.trials[self.unchanged].stopped}")
+            raise StudyError(f"no run completed; the run of the scene was {self.runner.trials[self.unchanged].stopped}")
         if self.found is None:
-            self.end_reason = "no tested setting reaches it"
+            self.end_reason = "no tested setting reaches this error"
 
     def _run_reference(self, say: Say) -> None:
         """Make the reference run with REFERENCE_SEEDS seeds. Raises StudyError, BudgetError.
@@ -301,10 +308,10 @@ class Cheapest:
         for run in runs:
             if "stopped" in run:
                 wrong = f"the reference run ({label_of(self.reference_settings)}) was {run['stopped']}"
-                raise StudyError(f"{wrong}; expected other settings in --reference")
+                raise StudyError(f"{wrong}; choose other settings with --reference")
         self.runner.reference = mean_run(runs)
         self.floor = fmean(self.measure.error(one, other) for one, other in combinations(runs, 2))
-        say(f"floor: two seeds of it differ by {percent(self.floor)}; smaller errors are not resolved")
+        say(f"floor: two seeds of the reference run differ by {percent(self.floor)}; smaller errors are not resolved")
 
     def settings_of(self, trial: Trial) -> Settings:
         """Return the settings of a trial."""
@@ -365,7 +372,7 @@ def _hashable(settings: Settings) -> tuple[tuple[str, str], ...]:
 def _select_measure(known: dict[str, Measure], name: str | None) -> Measure:
     """Return the measure `name`, or the default measure. Raises StudyError."""
     if not known:
-        raise StudyError("this scene has neither gas nor dust to measure")
+        raise StudyError("the scene has neither gas nor dust to measure")
     if name is None:
         return next(iter(known.values()))
     if name not in known:

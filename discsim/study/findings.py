@@ -82,9 +82,9 @@ def print_results(study: Study, console: Console) -> None:
         good = [point for point in study.points if point.error and point.error <= goal]
         if good:
             cheapest = min(good, key=lambda point: point.cpu)
-            console.print(f"{goal:.3g}: {label_of(cheapest.settings)}, {cheapest.cpu:.3g} s of CPU")
+            console.print(f"error {goal:.3g}: {label_of(cheapest.settings)}, {cheapest.cpu:.3g} s of CPU")
         else:
-            console.print(f"{goal:.3g}: reached by no setting")
+            console.print(f"error {goal:.3g}: no setting reaches this error")
     if study.axis is None:
         return
     console.print(

@@ -85,7 +85,7 @@ def _cost_of_own_error(study: Cheapest, scene: Trial) -> str:
     least = min(accurate, key=lambda trial: trial.cpu)
     if least is scene:
         return "; no tested setting is as accurate and cheaper"
-    return f"; the same accuracy for {least.cpu / scene.cpu:.2g} of that: {study.settings_text(least)}"
+    return f"; the same accuracy in {least.cpu / scene.cpu:.2g} of this CPU time: {study.settings_text(least)}"
 
 
 def _frontier_table(study: Cheapest, front: list[Trial]) -> Table:
@@ -119,7 +119,8 @@ def _knob_table(study: Cheapest, chosen: Trial) -> Table:
         finer = [(a, b) for a in trials if (b := _trial_with_rung(study, a, k, a.point[k] + UNITS_PER_RUNG))]
         table.add_row(f"{knob.name} x {knob.ratio:.2g}", *values, _ratios_of_nearest_pair(finer, chosen, k), *laws)
     table.caption = (
-        "effect of each setting near the result: error and CPU time relative to runs without it; x: its value, all runs"
+        "effect of each knob near the result: error and CPU time relative to runs without the "
+        "change; x: value of the knob, from all runs"
     )
     table.caption_justify = "left"
     return table

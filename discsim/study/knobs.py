@@ -148,11 +148,11 @@ class Knobs:
         known = [key for knob in [*given, *found] for key in (knob.name, *knob.keys)]
         for key in keep:
             if key not in known:
-                expected = f"expected some of {', '.join(known)}{near(key, known)}"
-                raise StudyError(f"--keep {key}: not a setting that the search varies; {expected}")
+                expected = f"expected one of {', '.join(known)}{near(key, known)}"
+                raise StudyError(f"--keep {key}: not a key that the search varies; {expected}")
         self.all = [*given, *(knob for knob in found if not taken & {knob.name, *knob.keys[:1]})]
         if not self.all:
-            raise StudyError("no setting is left to vary; expected fewer --keep")
+            raise StudyError("no key is left to vary; remove a --keep")
         self._settings: dict[GridPoint, Settings | None] = {}
 
     def start(self) -> GridPoint:
@@ -204,7 +204,7 @@ class Knobs:
         found = [(value, self.load(varied.settings(value))) for value in varied.values]
         words = [value for value, scene in found if any(differences(self.base.scene, scene))]
         if not words:
-            raise StudyError(f"--vary {varied.name}: only the value of the scene; expected other values")
+            raise StudyError(f"--vary {varied.name}: all values equal the value of the scene; add other values")
         return _choice_knob(varied.name, varied.keys, lambda base, word: varied.settings(word), words)
 
     def _choice_knobs(self) -> Iterator[Knob]:

@@ -42,11 +42,11 @@ class Varied:
             raise StudyError(f"--vary {text}: not a key with values; {wanted}")
         for value in values:
             if values.count(value) > 1:
-                raise StudyError(f"--vary {text}: {value} occurs twice; expected different values")
+                raise StudyError(f"--vary {text}: {value} occurs twice; give each value once")
             if value.count(":") not in (0, len(keys) - 1):
                 raise StudyError(
-                    f"--vary {text}: {value} has a wrong number of values; expected {len(keys)}, one per key, or "
-                    "one for all"
+                    f"--vary {text}: {value} has a wrong number of values; give {len(keys)} values, one per key, or "
+                    "one value for all keys"
                 )
         return cls(tuple(keys), tuple(values))
 
@@ -120,7 +120,7 @@ def combinations(varied: Sequence[Varied]) -> list[Point]:
     names = keys_of(varied)
     for name in names:
         if names.count(name) > 1:
-            raise StudyError(f"--vary {name}: occurs twice; expected each key once")
+            raise StudyError(f"--vary {name}: the key occurs twice; give each key once")
     return [
         Point({key: part for settings in together for key, part in settings.items()})
         for together in itertools.product(*([each.settings(value) for value in each.values] for each in varied))

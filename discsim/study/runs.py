@@ -106,8 +106,8 @@ class Runs:
             whole = json.dumps(head) + "\n"
         lines = whole.removesuffix("\n").split("\n")
         if _parse_line(path, 1, lines[0]) != head:
-            wrong = "contains a study of another scene, or of other keys"
-            raise StudyError(f"{self.directory}: {wrong}; expected another -o")
+            wrong = "the directory contains a study of another scene, or of other keys"
+            raise StudyError(f"{self.directory}: {wrong}; choose another directory with -o")
         found = [_parse_line(path, number, line, "settings") for number, line in enumerate(lines[1:], 2)]
         if whole != text:
             with replace_atomically(path) as temporary:
@@ -145,7 +145,9 @@ def _parse_line(path: Path, number: int, line: str, table: str | None = None) ->
     except (ValueError, RecursionError):
         entry = None
     if not isinstance(entry, dict) or (table is not None and not isinstance(entry.get(table), dict)):
-        raise StudyError(f"{path}:{number}: not a run of a study; expected another -o, or remove this line")
+        raise StudyError(
+            f"{path}:{number}: the line is not a run of a study; choose another directory with -o, or remove the line"
+        )
     return entry
 
 

@@ -68,8 +68,8 @@ class Sweep:
         self.folders = [directory / folder_name(point) for point in self.points]
         for folder in self.folders:
             if self.folders.count(folder) > 1:
-                wrong = f"{folder}: two combinations have the same directory name"
-                raise StudyError(f"{wrong}; expected values that differ in letters or digits")
+                wrong = f"{folder}: two combinations of values have this directory name"
+                raise StudyError(f"{wrong}; choose values that differ in letters or digits")
 
     def make(self, title: str, parallel: int, console: Console) -> None:
         """Make the runs that are not finished, `parallel` at a time, and write the table and the figure of all runs.

@@ -43,7 +43,7 @@ def results(submitted: Iterable[Future[Result]], say: Callable[[str], None] | No
             yield job.result()
     except BrokenProcessPool:
         why = "a process was killed during a run, perhaps because memory was full"
-        raise StudyError(f"{why}; expected a smaller --parallel; repeat the command to continue") from None
+        raise StudyError(f"{why}; repeat the command with a smaller --parallel to continue") from None
 
 
 def failure_text(fault: Exception) -> str:

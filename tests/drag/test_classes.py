@@ -340,11 +340,14 @@ def test_each_grain_drifts_by_its_own_size_in_a_given_disc():
     "changes, words",
     [
         ({"dust.grain_size.bins": 0}, "dust.grain_size.bins: 0 is out of range; expected at least 1"),
-        ({"dust.grain_size.largest": 1e-9}, "dust.grain_size.largest: largest is not larger than smallest"),
+        (
+            {"dust.grain_size.largest": 1e-9},
+            "dust.grain_size.largest: the largest size is not larger than the smallest",
+        ),
         ({"dust.grain_size.biggest": 1.0}, "dust.grain_size.biggest: unknown key"),
         (
             {"drag.scheme": "mk"},
-            '"mk" allows only one size per population; expected drag.scheme "idic" or "idic-linear" or "tsc"',
+            '"mk" allows only one size per population; choose drag.scheme "idic" or "idic-linear" or "tsc"',
         ),
         ({"drag.law": "stokes-number", "drag.stokes": 1.0}, 'drag.law "stokes-number" does not depend on grain size'),
         ({"drag.class_width": 0.9}, "drag.class_width: 0.9 is out of range; expected more than 1"),

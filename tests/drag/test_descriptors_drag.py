@@ -199,15 +199,16 @@ def test_warnings_of_another_scheme(other):
 def test_rules_of_another_package(found):
     assert sorted(line.rpartition("scene: ")[2] for line in found["rules"]) == sorted(
         [
-            'drag.K: used only by law "constant", but drag.law is "lazy"; expected another law, or this key left out',
+            'drag.K: used only with drag.law = "constant", but drag.law is "lazy"; choose another law, or '
+            "remove this key",
             'drag.cell: scheme "everyone" has no drag cells; remove this key',
             "drag.t_stop: too lazy; expected 5 at most",
             "gas.eos.zero: pulls; expected 0 at least",
             "star: everyone is no crowd to orbit; expected no star",
-            "star: a star is possible only in two dimensions; expected space.dimensions = 2",
+            "star: a star is possible only in two dimensions; set space.dimensions = 2",
         ]
     )
-    assert 'gas with eos.kind "linear" has no energy equation; expected false' in found["heat"][0]
+    assert 'gas with gas.eos.kind = "linear" has no energy equation; set drag.heating = false' in found["heat"][0]
 
 
 def test_the_reference_of_another_package(other):

@@ -151,7 +151,7 @@ def test_accuracy_of_the_drift_is_one_of_cells_over_h():
 
 
 @pytest.mark.parametrize(
-    "changes, cure", [({"cell": 2.0}, "leave out drag.cell"), ({}, ""), ({"cell_length": 0.4}, "leave out drag.cell")]
+    "changes, cure", [({"cell": 2.0}, "remove drag.cell"), ({}, ""), ({"cell_length": 0.4}, "remove drag.cell")]
 )
 def test_cells_wider_than_h_earn_a_warning(changes, cure):
     found = [line for line in warnings(load_scene(ring(12_000, **changes))) if line.startswith("drag cells are")]

@@ -369,7 +369,7 @@ def test_the_viscosity_and_its_dead_zone_are_the_default():
         ({"dust_diffusion": {"alpha": 0.01, "D": 1e-3}}, "alpha is also given"),
         (
             {"dust_diffusion": {}},
-            "no strength of the turbulence is given; expected alpha, D, or a table [alpha_viscosity]",
+            "no strength of the turbulence is given; add the key alpha or D, or a table [alpha_viscosity]",
         ),
         ({"dust_diffusion": {"alpha": 0}}, "expected more than 0"),
         ({"dust_diffusion": {"D": -1}}, "expected more than 0"),

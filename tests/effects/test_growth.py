@@ -382,9 +382,9 @@ def test_own_particles_bring_what_they_like():
         ({"growth": {"alpha": None}}, "growth: no strength of the turbulence is given"),
         ({"growth": {"fragmentation_speed": -1.0}}, "growth.fragmentation_speed: "),
         ({"growth": {"small_size": None}}, "growth.small_size: missing; the default 1 um"),
-        ({"growth": {"smallest": 2e-9}}, "growth.smallest: smallest is not smaller than small_size"),
+        ({"growth": {"smallest": 2e-9}}, "growth.smallest: the size is not smaller than growth.small_size"),
         ({"growth": {"small_ratio": 0.4}}, "growth.small_ratio: larger than dust.ratio = 0.3"),
-        ({"dust": {"grain_size": 1e-10}}, "dust.grain_size: smaller than growth.small_size = "),
+        ({"dust": {"grain_size": 1e-10}}, "dust.grain_size: the initial size is smaller than growth.small_size"),
         (
             {"dust": {"grain_size": {"smallest": 1e-6, "largest": 1e-3}}},
             "dust.grain_size: a size distribution is not allowed with growth",
@@ -394,7 +394,7 @@ def test_own_particles_bring_what_they_like():
             {"drag": {"law": "stokes-number", "stokes": 0.1}},
             'growth needs a drag law that depends on grain size, and "stokes-number"',
         ),
-        ({"drag": None}, "growth: collision velocities need drag; expected a table [drag]"),
+        ({"drag": None}, "growth: collision velocities need drag; add a table [drag]"),
     ],
 )
 def test_what_does_not_go_together_is_said(change, says):
@@ -405,7 +405,7 @@ def test_what_does_not_go_together_is_said(change, says):
 def test_two_populations_and_a_given_disc_are_refused():
     scene = disc()
     scene["dust"] = [scene["dust"], scene["dust"]]
-    assert any("2 populations of dust, but growth allows one; expected one" in problem for problem in problems(scene))
+    assert any("2 populations of dust, but growth allows one; keep one" in problem for problem in problems(scene))
     given = {"surface_density": 1e-3, "eos": {"kind": "locally-isothermal", "aspect_ratio": 0.1}}
     found = problems(changed(disc(direction="one-way"), gas=None, background=given))
     assert any("but [background] has none" in problem for problem in found), found

@@ -80,7 +80,7 @@ def test_no_gas_is_left():
 
 def test_a_walk_without_end_is_told():
     sim = Simulation(disc(dust_diffusion={"D": 1e6}))
-    with pytest.raises(PhysicsError, match=r"dust_diffusion would need .* expected a smaller diffusivity"):
+    with pytest.raises(PhysicsError, match=r"dust_diffusion would need .* lower the diffusivity"):
         sim.step()
 
 

@@ -221,7 +221,7 @@ def test_a_law_without_a_reference_is_told(tmp_path):
     put_out(restarted(scene(**DUST), tmp_path / "0.h5"), tmp_path / "1.h5")
     with h5py.File(tmp_path / "1.h5", "a") as file:
         del file["discsim"].attrs["reference_density"]
-    with pytest.raises(SceneError, match=r"had no Sigma_ref.*; expected a drag\.law other than"):
+    with pytest.raises(SceneError, match=r"had no Sigma_ref.*; choose a drag\.law other than"):
         restarted(law, tmp_path / "1.h5")
 
 

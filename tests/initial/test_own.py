@@ -72,7 +72,7 @@ ADIABATIC = {"kind": "adiabatic", "gamma": 1.4, "sound_speed": 1.0}
         (particles(dust_species=np.zeros(10)), rf"dust species has shape \(10,\); expected \({N},\)"),
         (particles(dust_species=np.full(N, 0.5)), r"dust species\[0\] is 0\.5; expected a population"),
         (particles(dust_species=np.full(N, 2)), r"dust species\[0\] is 2; expected a population of the scene, 0 to 0"),
-        (particles(gas_vel=None), "gas vel is missing; expected"),
+        (particles(gas_vel=None), "gas vel is missing; give all"),
         (particles(gas_vel=None, gas_vell=np.zeros((N, 2))), 'gas has an unknown array "vell".* did you mean "vel"?'),
         (particles(dust_u=np.ones(N)), 'dust has an unknown array "u"; expected "pos", "vel", "mass", "species"'),
         (particles(gas_u=np.ones(N)), 'gas u is given, but the gas is "isothermal"'),
@@ -81,7 +81,7 @@ ADIABATIC = {"kind": "adiabatic", "gamma": 1.4, "sound_speed": 1.0}
         (particles(gas_immobile=np.ones(N)), "gas immobile is true for all"),
         (particles(gas_immobile=np.full(N, 2)), r"gas immobile\[0\] is 2; expected true or false"),
         (particles() | {"dsut": {}}, '"dsut" is unknown; expected "gas", "dust"; did you mean "dust"?'),
-        ({"gas": particles()["gas"]}, r'\[dust\]: particles has no key "dust"; expected both or neither'),
+        ({"gas": particles()["gas"]}, r'\[dust\]: particles has no key "dust"; add the key, or remove the table'),
         (particles() | {"gas": np.ones(3)}, "gas is a ndarray; expected a dict with the arrays"),
         ([1, 2], "particles: a list is not a dict"),
     ],
@@ -105,12 +105,12 @@ def test_energies_are_looked_at(energy, message):
 
 
 def test_a_missing_temperature_is_told():
-    with pytest.raises(SceneError, match=r"gas u is missing; expected energies, or gas\.eos\.sound_speed"):
+    with pytest.raises(SceneError, match=r"gas u is missing; add an array of energies, or gas\.eos\.sound_speed"):
         Simulation(scene(eos={"kind": "adiabatic", "gamma": 1.4}), particles=particles())
 
 
 def test_several_populations_need_their_numbers():
-    with pytest.raises(SceneError, match=r"dust species is missing; expected the index .* 0 to 1"):
+    with pytest.raises(SceneError, match=r"dust species is missing; add an array of the index .* 0 to 1"):
         Simulation(scene(dust=2), particles=particles())
     with pytest.raises(SceneError, match="dust species 1 has no particle that can move"):
         Simulation(scene(dust=2), particles=particles(dust_species=np.zeros(N)))

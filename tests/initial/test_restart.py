@@ -138,10 +138,8 @@ def test_tables_may_go_but_not_come(run):
     del given["dust"]
     assert Simulation(given).dust is None
     two = problems(scene(initial=initial, dust=[{"particles": 1, "ratio": 0.1}] * 2))
-    assert two == [
-        "scene: dust: initial.file contains 1 population of dust; expected one [[dust]] table for each, or no [dust]"
-    ]
+    assert two == ["scene: dust: initial.file contains 1 population of dust; give 1 [[dust]] table"]
     both = problems(scene(initial={**initial, "refine": 2, "thin": 2}))
-    assert both == ["scene: initial.thin: initial.refine is also given; expected only one of the two"]
+    assert both == ["scene: initial.thin: initial.refine is also given; keep initial.refine or initial.thin"]
     (absent,) = problems(scene(initial={"kind": "snapshot", "file": "none.h5"}))
     assert "none.h5: no such file" in absent

@@ -125,14 +125,14 @@ def test_the_pull_of_the_pressure_is_that_of_the_interpolation(tmp_path):
         ("", "empty; expected a header"),
         ("1 2\n2 3\n", ":1: not a table header"),
         ("r Sigma\n1 1\n2 x\n", ':3: "x" is not a number'),
-        ("r Sigma\n1 1\n2\n", ":3: 1 numbers; expected 2: r, Sigma"),
+        ("r Sigma\n1 1\n2\n", ":3: 1 numbers; expected 2 numbers, in the columns r, Sigma"),
         ("r Sigma\n2 1\n1 1\n", ":3: r = 1 is not larger than 2"),
         ("r Sigma\n1 1\n2 0\n", ":3: Sigma = 0 is out of range"),
         ("r Sigma\n1 1\n", "1 rows; expected at least two"),
         ("r T\n1 1\n2 1\n", ":1: no column Sigma"),
         (
             "r Sigma mass\n1 1 1\n2 1 1\n",
-            ':1: column "mass" is unknown; expected each of r, Sigma, T, ratio, resolution',
+            ':1: column "mass" is unknown; expected the columns r, Sigma, T, ratio, resolution',
         ),
         ("r Sigma resolution\n1 1 1\n2 1 0\n", ":3: resolution = 0 is out of range; expected a positive number"),
         (
@@ -178,7 +178,7 @@ def test_it_goes_on_from_a_checkpoint_to_the_bit(tmp_path):
     again.restore(tmp_path / "half.h5")
     (moved / "profile.txt").write_text("r Sigma T ratio\n1 1 1 1\n3 1 1 1\n")
     other = Simulation(given | {"initial": {"kind": "table", "file": str(moved / "profile.txt")}})
-    with pytest.raises(SceneError, match=r"the scene differs from that of the run in initial\.file"):
+    with pytest.raises(SceneError, match=r"the scene differs from the scene of the run in initial\.file"):
         other.restore(tmp_path / "half.h5")
 
 
@@ -244,7 +244,7 @@ def test_unequal_particles_turn_in_balance_settle_and_go_on(tmp_path):
 
 def test_masses_beyond_what_sph_sums_are_refused(tmp_path):
     (message,) = problems(uneven(tmp_path, lambda r, sigma: np.where(r < 2.0, 1.0, 1e13)))
-    assert "the column resolution varies by a factor of 1e+13; expected a factor of at most 1e+12" in message
+    assert 'the column "resolution" varies by a factor of 1e+13; expected a factor of at most 1e+12' in message
 
 
 def test_previews_know_the_masses_of_a_resolution(tmp_path):

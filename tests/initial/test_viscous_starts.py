@@ -93,7 +93,7 @@ def test_a_steady_disc_carries_one_rate_everywhere():
 
 def test_wrong_starts_are_one_message():
     both = {"kind": "steady", "accretion_rate": 1e-9, "surface_density": 1.0, "inner": 0.5, "outer": 2.0}
-    assert any("are both given; expected exactly one of" in line for line in problems(disc(initial=both)))
+    assert any("are both given; give exactly one of" in line for line in problems(disc(initial=both)))
     dead = {"alpha": 0.1, "dead_alpha": 0.0, "dead_inner": 0.8, "dead_outer": 1.2, "dead_width": 0.1}
     assert any("Sigma of a steady disc is infinite" in line for line in problems(disc(alpha_viscosity=dead)))
     bare = {name: table for name, table in ring().items() if name != "alpha_viscosity"}

@@ -113,5 +113,5 @@ def test_no_place_at_all_is_one_message(tmp_path, read_only, monkeypatch, capsys
     monkeypatch.setattr(tempfile, "gettempdir", nowhere)
     monkeypatch.setattr("discsim.run.runner.Simulation", lambda scene, **_: cache.kernel_folder())
     assert run_scene(scene_of(tmp_path, WAVE), tmp_path / "out", quiet=True) == 1
-    wanted = "no folder for compiled kernels can be written: set NUMBA_CACHE_DIR to a directory that can be written\n"
+    wanted = "no folder for compiled kernels is writable; set NUMBA_CACHE_DIR to a writable directory\n"
     assert capsys.readouterr().err == wanted and not (tmp_path / "out").exists()

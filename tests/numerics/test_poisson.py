@@ -265,7 +265,7 @@ def test_a_volume_density_has_no_pull_in_1d(kind):
         "gas": {"particles": 32, "eos": {"kind": "isothermal", "sound_speed": "1 km/s"}},
         "self_gravity": {"softening": "5 au"},
     }
-    with pytest.raises(SceneError, match=f".{kind}. has a volume density; expected initial.kind = .sheet., or space.d"):
+    with pytest.raises(SceneError, match=f".{kind}. has a volume density; set initial.kind = .sheet., or space.d"):
         Simulation(scene)
 
 

@@ -119,10 +119,12 @@ def test_a_part_that_is_gone_or_of_another_file_is_refused(both):
     part = path.parent / "parts" / "0003.2.h5"
     with h5py.File(part, "r+") as file:
         file.attrs["made"] = np.bytes_("xyz")
-    with pytest.raises(SnapshotError, match=r"part .*0003\.2\.h5: this part belongs to another snapshot or checkpoint"):
+    with pytest.raises(
+        SnapshotError, match=r"part file .*0003\.2\.h5: the part file belongs to another " r"snapshot or checkpoint"
+    ):
         read_snapshot(path)
     part.unlink()
-    with pytest.raises(SnapshotError, match=r"0003\.h5: its part .*/parts/0003\.2\.h5 is missing; expected"):
+    with pytest.raises(SnapshotError, match=r"0003\.h5: the part file .*/parts/0003\.2\.h5 is missing; restore"):
         read_snapshot(path)
     with pytest.raises(SnapshotError, match=r"0003\.0\.h5: not a snapshot of discsim, but another HDF5 file"):
         read_snapshot(path.parent / "parts" / "0003.0.h5")

@@ -168,12 +168,12 @@ def test_a_run_in_one_dimension_that_was_stopped(tmp_path, monkeypatch):
     done = report(tmp_path / "a", "-o", tmp_path / "page.html")
     assert done.exit_code == 0, done.stderr
     found = Page((tmp_path / "page.html").read_text(encoding="utf-8"))
-    assert "0 to 0; not at its end, 0.1" in found.shown and "stopped by run.walltime" in found.shown
+    assert "0 to 0; stopped before its end at 0.1" in found.shown and "stopped by run.walltime" in found.shown
     assert "the ends of the tube" in found.shown and len(found.of("img")) == 3
     assert not (tmp_path / "a/report.html").exists()
 
 
 def test_no_run_there(tmp_path):
     done = report(tmp_path)
-    assert done.exit_code == 2 and "no run found; expected a directory with scene.toml" in done.stderr
+    assert done.exit_code == 2 and "no run found; give a directory with scene.toml" in done.stderr
     assert list(tmp_path.iterdir()) == []

@@ -62,7 +62,7 @@ def test_the_last_snapshot_of_a_run_is_read(run, folder):
 
 
 def test_a_folder_without_snapshots_is_refused(tmp_path):
-    with pytest.raises(discsim.SnapshotError, match="no snapshots found; expected the directory of a run"):
+    with pytest.raises(discsim.SnapshotError, match="no snapshots found; give the directory of a run"):
         discsim.read_snapshot(tmp_path)
 
 
@@ -134,26 +134,26 @@ def test_rings_may_have_units(snap):
         ({"window": "4"}, 'window: "4" has no unit; expected a length, like "10 au"'),
         ({"window": "40 mas"}, 'window: "40 mas" is an angle, but no distance is given; give a length'),
         ({"window": "1 au,4 au"}, "window: .* is a range of radii"),
-        ({"window": ([1.0, 1.0], [0.0, 2.0])}, r"window: .*; expected a text like \"50 au\", or corners"),
+        ({"window": ([1.0, 1.0], [0.0, 2.0])}, r"window: .*; expected text like \"50 au\", or corners"),
         ({"window": "4 au", "distance": "2 yr"}, 'distance: "2 yr"; expected a value above 0 with a unit like pc'),
         ({"window": "4 au", "wavelength": "1.3"}, 'wavelength: "1.3" has no unit; expected a value above 0'),
         ({"window": "4 au", "opacity": -1 * u.cm**2 / u.g}, "opacity: .*; expected a value above 0"),
         (
             {"window": ["a", "b"]},
-            r"window: \['a', 'b'\]; expected a text like \"50 au\", a Quantity, or numbers in code",
+            r"window: \['a', 'b'\]; expected text like \"50 au\", a Quantity, or numbers in code",
         ),
-        ({"window": [1 * u.au, 2 * u.au]}, 'window: .*; expected a text like "50 au", a Quantity, or numbers in code'),
-        ({"window": np.nan}, 'window: "nan" is out of range; expected 0, or sizes from 1e-60 to'),
-        ({"window": [[-np.inf, -1.0], [1.0, 1.0]]}, 'window: ".*" is out of range; expected 0, or sizes'),
-        ({"window": [np.nan, 1.0] * u.au}, 'window: ".*" is out of range; expected 0, or sizes'),
-        ({"window": "1e300 au"}, 'window: "1e300 au" is out of range; expected 0, or sizes from 1e-60 to'),
+        ({"window": [1 * u.au, 2 * u.au]}, 'window: .*; expected text like "50 au", a Quantity, or numbers in code'),
+        ({"window": np.nan}, 'window: "nan" is out of range; expected 0, or absolute values from 1e-60 to'),
+        ({"window": [[-np.inf, -1.0], [1.0, 1.0]]}, 'window: ".*" is out of range; expected 0, or absolute values'),
+        ({"window": [np.nan, 1.0] * u.au}, 'window: ".*" is out of range; expected 0, or absolute values'),
+        ({"window": "1e300 au"}, 'window: "1e300 au" is out of range; expected 0, or absolute values from 1e-60 to'),
         ({"window": -2}, 'window: "-2.0" is not a region of the disc; expected "R", "R1,R2" or "X,Y,R"'),
         ({"window": []}, "window: .* is not a region of the disc"),
         ({"window": np.zeros((2, 3))}, "window: .* is not a region of the plane"),
         ({"window": 5 * u.s}, 'window: "s" is a time; expected a length, like "10 au"'),
         (
             {"window": 40 * u.mas},
-            'window: "40.0 mas" is an angle, but no distance is given; give a length, or a distance too',
+            'window: "40.0 mas" is an angle, but no distance is given; give a length, or add the distance',
         ),
         ({"edges": ["a"]}, r"edges: \['a'\]; expected numbers in code units, or a Quantity"),
         ({"edges": [30, 20, 10]}, r"edges: \[30, 20, 10\]; expected at least two increasing numbers"),

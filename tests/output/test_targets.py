@@ -55,7 +55,7 @@ def test_a_checkpoint_does_not_replace_what_is_no_plain_file(target, tmp_path):
                       "vel": np.array([[0.1, 0.7]]), "mass": np.array([0.02])}})  # fmt: skip
     for save in (lambda: sim.save(path), lambda: write_checkpoint(other, {}, {"n": 1}, backup=path)):
         other.write_text("before")
-        with pytest.raises(OSError, match=f"is {kind}; expected a plain file there, or a new name") as caught:
+        with pytest.raises(OSError, match=f"is {kind}; choose the name of a plain file or of a new file") as caught:
             save()
         assert caught.value.filename == str(path) and other.read_text() == "before"
     assert_untouched(path, mode)

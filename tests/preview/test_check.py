@@ -99,15 +99,18 @@ WARNINGS = [
         ["gas.kernel=cubic", "gas.particles=20000"],
         "h/H = 1.4 at 10 au, above 1: raise gas.particles to about 6.2e+04",
     ),
-    (["space.cells=128"], "self_gravity.softening = 1 au is 0.49 of a grid cell: raise space.cells to 260"),
+    (["space.cells=128"], "self_gravity.softening = 1 au is 0.49 grid cells, below 1: raise space.cells to 260"),
     # Q is 2.5 at 55 au, where H is 4.2 au, and 9 at 10 au, where self-gravity does nothing.
-    (["self_gravity.softening=5 au"], "self_gravity.softening = 5 au is 1.2 H at 55 au, above 1: lower it to 4.211 au"),
-    ([*THIN, "space.cells=128"], "self_gravity.thickness = 1 au is 0.49 of a grid cell: raise space.cells to 260"),
+    (
+        ["self_gravity.softening=5 au"],
+        "self_gravity.softening = 5 au is 1.2 H at 55 au, above 1 H: lower self_gravity.softening to 4.211 au",
+    ),
+    ([*THIN, "space.cells=128"], "self_gravity.thickness = 1 au is 0.49 grid cells, below 1: raise space.cells to 260"),
     (
         [*THIN, "self_gravity.thickness=10 au"],
-        "self_gravity.thickness = 10 au is 1.1 H at 100 au, above 1: lower it to 8.891 au",
+        "self_gravity.thickness = 10 au is 1.1 H at 100 au, above 1 H: lower self_gravity.thickness to 8.891 au",
     ),
-    (THIN, 'self_gravity.softening is not used by kernel "thin-disc": leave it out'),
+    (THIN, 'self_gravity.softening is not used with self_gravity.kernel = "thin-disc": remove the key'),
     (["dust.grain_size=1 m"], "dust: St = 30 at 100 au, above 10"),
     (
         ["gas.kernel=cubic", "drag.scheme=idic-linear", "dust.ratio=1"],
@@ -137,7 +140,7 @@ def test_a_length_of_another_kernel_changes_no_number(tmp_path):
     both = report(load_scene(scene, ["self_gravity.softening=0.02 au"])).splitlines()
     echoed, more = [line.strip() for line in both if line not in alone]
     assert echoed.startswith("self_gravity ") and "softening 0.02 au" in echoed
-    assert more == 'self_gravity.softening is not used by kernel "thin-disc": leave it out'
+    assert more == 'self_gravity.softening is not used with self_gravity.kernel = "thin-disc": remove the key'
 
 
 # A scene that earns a warning, how it starts, and one that does not.

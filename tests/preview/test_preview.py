@@ -138,7 +138,7 @@ def test_drag_cells_of_a_tube(tables, sides, sorted_blocks):
 def test_grid(tables):
     grid, rows = Simulation(load_scene(tables)).state.grid, rows_of(tables)
     if grid is None:
-        assert "grid" not in rows and "memory of the grid, about" not in rows
+        assert "grid" not in rows and "memory of the grid, estimated" not in rows
     else:
         assert rows["grid"] == f"{grid.shape[0]} x {grid.shape[1]} cells of {grid.cell:.4g}"
 

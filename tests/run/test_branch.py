@@ -133,15 +133,15 @@ def test_time_is_kept_where_asked_in_any_units(tmp_path):
     other = load_scene(grains | {"initial": table, "units": {"length": "10 au"}})
     wanted = sim.units.quantity(sim.time, "time").to_value("yr")
     assert other.units.quantity(start_time(other), "time").to_value("yr") == pytest.approx(wanted, rel=1e-12)
-    with pytest.raises(SceneError, match=r"run\.until is not later than the snapshot"):
+    with pytest.raises(SceneError, match=r"the end time is not later than the snapshot"):
         load_scene(grains | {"initial": table, "run": {"until": f"{0.99 * wanted} yr"}})
 
 
 @pytest.mark.parametrize(
     "arguments, words",
     [
-        (["--at", "9"], "no snapshot 0009; expected 0000 to 0005"),
-        ([], "run.until: run.until is not later than the snapshot; expected more than 0.5"),
+        (["--at", "9"], "no snapshot 0009; choose a number from 0000 to 0005"),
+        ([], "run.until: the end time is not later than the snapshot; choose a time after 0.5"),
         (["--at", "2", "--set", "drag.stoeks=1"], 'did you mean "stokes"?'),
         (["--at", "2", "--without", "stat"], 'did you mean "star"?'),
     ],
@@ -156,8 +156,8 @@ def test_what_cannot_be_is_told(run, tmp_path, arguments, words):
     "name, value, words",
     [
         ("gained", -1.0, "bodies.gained[1] is -1; expected 0 or a positive number"),
-        ("begun", 1e300, "bodies.begun[1] is 1e+300; expected at most its time, 0.2"),
-        ("begun", np.nextafter(0.2, 1.0), "bodies.begun[1] is 0.2; expected at most its time, 0.2"),
+        ("begun", 1e300, "bodies.begun[1] is 1e+300; expected at most the time of the state, 0.2"),
+        ("begun", np.nextafter(0.2, 1.0), "bodies.begun[1] is 0.2; expected at most the time of the state, 0.2"),
     ],
 )
 def test_damaged_values_of_companions_are_one_message(run, tmp_path, name, value, words):
@@ -172,7 +172,7 @@ def test_damaged_values_of_companions_are_one_message(run, tmp_path, name, value
 
 def test_no_run_there(tmp_path):
     done = command(tmp_path / "none")
-    assert done.exit_code == 2 and "no snapshots found; expected the directory of a run" in done.stderr
+    assert done.exit_code == 2 and "no snapshots found; give the directory of a run" in done.stderr
 
 
 def test_temperatures_of_a_table_are_not_lost_in_silence(tmp_path):

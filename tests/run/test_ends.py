@@ -136,7 +136,7 @@ def test_the_start_is_there_to_go_back_to(tmp_path, monkeypatch, capsys):
 def test_a_collapsed_step_names_its_effect(tmp_path, monkeypatch, capsys):
     at_step(monkeypatch, 2, lambda sim: replace_operator(sim, "star.limit", lambda view: {ALL: Limit(1e-300)}))
     assert run_scene(scene_of(tmp_path, DISC), tmp_path / "out", quiet=True) == 3
-    assert re.search(r"time step collapsed to 6e-301, set by star", capsys.readouterr().err)
+    assert re.search(r"time step became too small, 6e-301, by the limit of star", capsys.readouterr().err)
 
 
 def test_out_of_memory(tmp_path, monkeypatch, capsys):

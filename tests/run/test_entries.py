@@ -203,10 +203,10 @@ DAMAGED = {
     "a loss of the star": (body("gained", 0, value=-1.0), r"bodies\.gained\[0\] is -1; expected 0 or a positive"),
     "dust that was given": (body("accreted", 1, 1, value=-0.3), r"bodies\.accreted\[1, 1\] is -0\.3; expected 0"),
     "a push": (body("felt", 0, value=-1e-300), r"bodies\.felt\[0\] is -1e-300; expected 0 or a positive number"),
-    "one yet to begin": (body("begun", 1, value=1e300), r"bodies\.begun\[1\] is 1e\+300; expected at most its time"),
+    "one yet to begin": (body("begun", 1, value=1e300), r"bodies\.begun\[1\] is 1e\+300; expected at most the time"),
     "one that soon begins": (
         lambda groups, values: groups["bodies"]["begun"].__setitem__(0, np.nextafter(values["time"], 1.0)),
-        r"bodies\.begun\[0\] is 0\.\d+; expected at most its time, 0\.\d+",
+        r"bodies\.begun\[0\] is 0\.\d+; expected at most the time of the state, 0\.\d+",
     ),
     "a time before the start": (single("time", -1.0), r"time is -1\.0; expected a finite number, 0 or more"),
     "no step": (single("limit", 0.0), r"limit is 0\.0; expected a number above 0"),

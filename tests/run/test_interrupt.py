@@ -82,7 +82,7 @@ def test_a_second_ctrl_c_ends_at_once_and_nothing_goes_on_from_there(tmp_path, s
         sim.run()
     assert sim.state.step == 3 and signal.getsignal(signal.SIGINT) is signal.default_int_handler
     for use in (sim.step, sim.run, lambda: sim.evolve(1.0), lambda: sim.save(tmp_path / "b.h5")):
-        with pytest.raises(RuntimeError, match="the last step was interrupted; expected a new Simulation, or restore"):
+        with pytest.raises(RuntimeError, match="the last step was interrupted; make a new Simulation, or call restore"):
             use()
     assert not (tmp_path / "b.h5").exists()
     sim.restore(tmp_path / "a.h5")
@@ -135,7 +135,7 @@ def grains(tmp_path):
 def test_a_step_past_the_end_has_the_length_that_is_asked_for(tmp_path):
     sim = grains(tmp_path)
     assert sim.step() == 1.0  # to the end
-    with pytest.raises(ValueError, match=r"no effect limits the step after run.until; expected step\(most="):
+    with pytest.raises(ValueError, match=r"no effect limits the step after run.until; call step\(most="):
         sim.step()
     assert sim.time == 1.0 and sim.step(most=0.25) == 0.25 and sim.time == 1.25
     with pytest.raises(ValueError, match="no effect limits the step"):
@@ -160,7 +160,9 @@ def test_the_checkpoint_of_another_scene_is_refused(tmp_path, sim):
     sim.save(tmp_path / "a.h5")
     other = Simulation(scene_of(tmp_path, WAVE, "drag.t_stop=0.1", "run.threads=1"))
     before = all_bits(other)
-    with pytest.raises(SceneError, match=r"a\.h5: the scene differs from that of the run in drag\.t_stop; expected"):
+    with pytest.raises(
+        SceneError, match=r"a\.h5: the scene differs from the scene of the run in " r"drag\.t_stop; expected"
+    ):
         other.restore(tmp_path / "a.h5")
     assert all_bits(other) == before
     longer = Simulation(scene_of(tmp_path, WAVE, "run.until=7", "run.snapshots=3", "title=longer"))

@@ -215,6 +215,6 @@ def test_what_is_no_lock_is_left_alone(tmp_path, kind, capsys):
     {"link": lambda p: p.symlink_to(own), "fifo": os.mkfifo, "directory": os.mkdir}[kind](out / ".lock")
     assert run_scene(scene_of(tmp_path, WAVE), out) == 2
     assert capsys.readouterr().err.startswith(
-        f"{out / '.lock'}: is not a plain file, but runs use this name for their lock"
+        f"{out / '.lock'}: is not a plain file, but runs use the name for their lock file"
     )
     assert own.read_text() == "a diary" and os.listdir(out) == [".lock"]

@@ -100,10 +100,10 @@ def operator(name="force", slot=Slot.FORCE, reads=("gas.pos",), writes=("gas.acc
 
 
 FAULTS = {
-    "gas.density and other.field run at the same time, and one changes gas.density, which the other uses; expected": [
+    "gas.density and other.field run at the same time, and one of the two changes gas.density, which the": [
         operator("field", Slot.FIELD, writes=["gas.density"]), operator(reads=["other.field"]),
     ],
-    "gas.forces and other.input run at the same time, and one changes gas.pressure": [
+    "gas.forces and other.input run at the same time, and one of the two changes gas.pressure": [
         operator("input", Slot.KICK_INPUT, ["gas.pressure"], [])
     ],
     "other.force: the force writes nothing": [operator(writes=[])],
@@ -113,12 +113,12 @@ FAULTS = {
         operator(reads=["gas.sped"])
     ],
     'other.force: there is no "drag.kick" to read': [operator(reads=["drag.kick"])],
-    "other.force: gas.acc is not complete before the limits": [operator(reads=["gas.acc"])],
+    "other.force: gas.acc is complete only in the slot LIMIT": [operator(reads=["gas.acc"])],
     "other.kick: only a base.KickEffect": [operator("kick", Slot.KICK)],
-    'gas.push: the operator is of the effect other; expected a name like "other.force"': [
+    'gas.push: the operator belongs to the effect other; expected a name that begins with the effect': [
         operator()._replace(name="gas.push")
     ],
-    "other.force: 'FORCE' is not a slot; expected one like base.Slot.FORCE": [operator()._replace(slot="FORCE")],
+    "other.force: 'FORCE' is not a slot; expected a slot like base.Slot.FORCE": [operator()._replace(slot="FORCE")],
     "other.force: 'gas.pos' is not a set of names": [operator()._replace(reads="gas.pos")],
     "other.operators returns a list of str; expected a list of base.Operator": ["other.force"],
 }  # fmt: skip
@@ -136,7 +136,7 @@ def test_operators_that_do_not_fit_are_one_message(sim, words):
         (0.1, "other.limit returns a float; expected limits by species, like {base.ALL: base.Limit(step)}"),
         (None, "other.limit returns a NoneType; expected limits"),
         ({"all": 0.1}, "other.limit returns a dict of float; expected limits"),
-        ({"dsut": base.Limit(0.1)}, 'other.limit: "dsut" is no species; expected "gas", "dust" or base.ALL'),
+        ({"dsut": base.Limit(0.1)}, 'other.limit: "dsut" is not a species; expected "gas", "dust" or base.ALL'),
     ],
 )
 def test_limits_that_are_none_are_one_message(found, words):
@@ -148,7 +148,7 @@ def test_a_sum_of_forces_is_changed_in_place(sim):
     view = View(sim.state, operator(), {}, {"gas.acc": np.zeros((3, 2))})
     view.gas.acc += 1.0
     assert view.gas.acc.sum() == 6.0
-    with pytest.raises(AttributeError, match="acc is a sum of several forces; expected a change in place"):
+    with pytest.raises(AttributeError, match="acc is a sum of several forces and cannot be replaced"):
         view.gas.acc = np.zeros((3, 2))
 
 

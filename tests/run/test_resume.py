@@ -148,7 +148,7 @@ def test_a_checkpoint_that_lacks_something_is_one_message(stopped, name, capsys)
             del file[name]
     message = refused(scene, out, capsys)
     last = name.replace("@", "/").split("/")[-1]
-    lacks = f"the checkpoint has no '{last}': it is damaged, or written by another version of discsim; {REMEDY}"
+    lacks = f"the checkpoint has no '{last}'; it is damaged, or was written by another version of discsim; {REMEDY}"
     assert message in (f"{out}/checkpoint.h5: {lacks}", f"{out}/checkpoint.h5: does not hold the gas of this scene")
 
 
@@ -215,7 +215,7 @@ def test_a_changed_history_is_one_message(stopped, capsys):
     cells = lines[2].split(",")
     cells[4] = repr(float(cells[4]) * (1.0 + 1e-15))
     (out / "history.csv").write_text("\n".join([*lines[:2], ",".join(cells), *lines[3:]]))
-    assert f"{out}/history.csv:2: the 4 rows from here on differ from those that the run wrote" in refused(
+    assert f"{out}/history.csv:2: the 4 rows from this line on differ from the rows that the run wrote" in refused(
         scene, out, capsys
     )
 
@@ -279,7 +279,9 @@ def test_another_scene_is_not_begun_anew(stopped, tmp_path, capsys):
         if snapshot.name != "0000.h5":
             snapshot.unlink()
     message = refused(scene_of(tmp_path, SHOCK, "gas.particles=201"), out, capsys)
-    assert message.startswith(f"{out}/scene.toml: the scene differs from that of the run in gas.particles; expected")
+    assert message.startswith(
+        f"{out}/scene.toml: the scene differs from the scene of the run in gas.particles; expected"
+    )
 
 
 def test_a_lost_checkpoint_is_not_begun_anew(stopped, capsys):
@@ -307,7 +309,10 @@ def test_a_checkpoint_of_another_version_is_told(tmp_path, monkeypatch, capsys):
         patch.setattr("discsim.output.hdf5.__version__", "0.0.7")
         at_step(patch, 4, lambda sim: signal.raise_signal(signal.SIGTERM))
         assert run_scene(scene, out, quiet=True) == 143
-    words = f"{out / 'checkpoint.h5'} was written by discsim 0.0.7, and this is {__version__}: the run continues, but"
+    words = (
+        f"{out / 'checkpoint.h5'} was written by discsim 0.0.7, and this is discsim {__version__}: the "
+        f"run continues, but"
+    )
     sim = Simulation(scene, to_restore=True)
     with pytest.warns(OtherVersionWarning) as told:
         sim.restore(out / "checkpoint.h5")
@@ -349,7 +354,7 @@ def test_what_is_read_to_go_on_is_not_said_to_be_written(tmp_path, capsys):
     os.mkfifo(out / "history.csv")
     capsys.readouterr()
     assert run_scene(further, out, resume=True, quiet=True) == 2
-    cure = "Repair the file, or move it away to continue without its rows"
+    cure = "repair the file, or move it away to continue without its rows"
     assert capsys.readouterr().err == f"{out}/history.csv: cannot be read: is a FIFO, not a plain file. {cure}\n"
     for path in (*out.glob("checkpoint*.h5"), *out.glob("snapshots/000[1-9].h5"), out / "scene.toml"):
         path.unlink()
@@ -411,7 +416,7 @@ def test_too_few_file_handles_are_not_blamed_on_the_directory(tmp_path, monkeypa
     monkeypatch.setattr("discsim.run.runner.write_snapshot", full)
     assert run_scene(scene_of(tmp_path, WAVE), tmp_path / "out", quiet=True) == 1
     said = capsys.readouterr().err
-    assert said.startswith("too many open files in this process; expected a higher limit") and "written" not in said
+    assert said.startswith("too many open files in this process; raise the limit") and "written" not in said
 
 
 def test_a_damaged_last_snapshot_is_one_message_where_the_figure_is_missing(tmp_path, monkeypatch, capsys):

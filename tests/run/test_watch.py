@@ -86,7 +86,7 @@ def test_progress_is_told_to_the_time_that_was_asked_for(capsys):
 )
 def test_every_needs_a_time_and_a_callback(given):
     sim = made()
-    with pytest.raises(ValueError, match="expected a positive time, together with a callback"):
+    with pytest.raises(ValueError, match="expected a positive time, and the argument callback"):
         sim.run(**given)
     assert sim.time == 0.0
 
@@ -167,7 +167,7 @@ def test_times_that_are_none_are_refused():
 
 def test_a_simulation_is_saved_and_not_pickled():
     for copied in (pickle.dumps, copy.copy, copy.deepcopy):
-        with pytest.raises(TypeError, match="cannot be pickled or copied; expected save"):
+        with pytest.raises(TypeError, match="cannot be pickled or copied; use save"):
             copied(made())
 
 
@@ -223,7 +223,7 @@ def test_a_step_while_somebody_looks_is_refused(tmp_path, act):
         with sim.synchronised():
             acts[act]()
 
-    with pytest.raises(RuntimeError, match=r"the state is being read.* expected this call afterwards"):
+    with pytest.raises(RuntimeError, match=r"the state is being read.* call this method afterwards"):
         sim.run(0.1, callback=nested)
     with sim.synchronised(), pytest.raises(RuntimeError, match="being read"):
         acts[act]()

@@ -226,15 +226,15 @@ def test_small_dust_in_gas_particles_is_seen():
         ({"inclination": "88 deg"}, "inclination: 88 deg; expected 0 to 85 deg"),
         ({"inclination": "3 au"}, 'inclination: "3 au"; expected an angle like "30 deg"'),
         ({"position_angle": "nan deg"}, "position_angle: "),
-        ({"beam": "0.001 arcsec"}, "expected at least 3, by more pixels or a smaller fov"),
+        ({"beam": "0.001 arcsec"}, "below 3; choose a wider beam, more pixels, or a smaller fov"),
         ({"beam": "0.05 arcsec,0.06 arcsec,3 deg"}, "the second width is larger"),
         ({"beam": "1 arcsec,2 arcsec"}, "or three values"),
-        ({"noise": "3 uJy"}, "noise: given without a beam"),
+        ({"noise": "3 uJy"}, "noise: the noise needs a beam"),
         ({"noise": "3 K", "beam": "0.1 arcsec"}, "expected a flux density for each beam"),
         ({"noise": "3 uJy", "beam": "0.1 arcsec", "seed": -1}, "seed: -1; expected a whole number, 0 or more"),
         ({"temperature": "3 au"}, 'temperature: "3 au"; expected "20 K"'),
         ({"temperature": None}, "the snapshot has no gas with a temperature"),
-        ({"temperature": lambda r: -r}, "temperature: the law gives values that are not finite or negative"),
+        ({"temperature": lambda r: -r}, "temperature: the law gives values that are negative or not finite"),
         ({"opacity": "2 cm2/g"}, None),
         ({"opacity": "2 cm2/g,1 cm2/g,1 cm2/g"}, None),
         ({"opacity": "-2 cm2/g"}, "opacity: "),
@@ -259,7 +259,7 @@ def test_a_wrong_argument_is_one_message(given, message):
 
 
 def test_an_opacity_for_each_population_needs_as_many_values():
-    with pytest.raises(PlotError, match="3 populations; expected one for each"):
+    with pytest.raises(PlotError, match="3 populations of dust; give one value, or one for each"):
         pos, area = even_positions(8.0, 40.0, 12)
         dust = particles(pos, 1e-9 * area, species=np.arange(len(pos)) % 3)
         snapshot(dust).image(distance=D, temperature="20 K", opacity="1 cm2/g,2 cm2/g")

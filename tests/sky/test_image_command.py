@@ -97,7 +97,7 @@ def test_default_files_lie_in_the_plots_of_the_run(run):
         (["--distance", "150 pc", "--at", "7 au"], "--at: "),
         (["--distance", "150 pc", "-o", "x.jpg"], "x.jpg: unknown figure format"),
         (["--distance", "150 pc", "--opacity", "none.ecsv"], "none.ecsv: cannot be read"),
-        (["--distance", "150 pc", *["--wavelength", "1 mm"] * 2], "both maps have the same wavelength"),
+        (["--distance", "150 pc", *["--wavelength", "1 mm"] * 2], "the two maps have the same wavelength"),
         (["--distance", "150 pc", *["--wavelength", "1 mm"] * 7], "expected at most 6"),
     ],
 )

@@ -75,9 +75,9 @@ ABSORPTION = "# - {name: absorption, unit: cm2 / g, datatype: float64}\n"
             "no unit like cm2/g",
         ),
         (HEAD + WAVELENGTH + ABSORPTION + "wavelength absorption\n1.0 2.0\n1.0 3.0\n", "a wavelength occurs twice"),
-        (HEAD + WAVELENGTH + ABSORPTION + "wavelength absorption\n1.0 -2.0\n2.0 3.0\n", "not above 0 and finite"),
-        (HEAD + WAVELENGTH + ABSORPTION + "wavelength absorption\n1.0 nan\n2.0 3.0\n", "not above 0 and finite"),
-        (HEAD + WAVELENGTH + ABSORPTION + "wavelength absorption\n", "not above 0 and finite"),
+        (HEAD + WAVELENGTH + ABSORPTION + "wavelength absorption\n1.0 -2.0\n2.0 3.0\n", "not positive and finite"),
+        (HEAD + WAVELENGTH + ABSORPTION + "wavelength absorption\n1.0 nan\n2.0 3.0\n", "not positive and finite"),
+        (HEAD + WAVELENGTH + ABSORPTION + "wavelength absorption\n", "not positive and finite"),
     ],
 )
 def test_a_damaged_table_is_one_message(tmp_path, text, message):
@@ -100,10 +100,14 @@ def test_a_pair_that_is_missing_or_twice_is_refused(tmp_path):
     path = write_table(tmp_path / "dust.ecsv")
     lines = path.read_text().splitlines()
     path.write_text("\n".join(lines[:-1]))
-    with pytest.raises(PlotError, match="8 rows for 3 wavelengths and 3 sizes; expected each pair once"):
+    with pytest.raises(
+        PlotError, match="8 rows for 3 wavelengths and 3 sizes; give each pair of wavelength and size once"
+    ):
         opacity_of(path)
     path.write_text("\n".join([*lines[:-1], lines[-2]]))
-    with pytest.raises(PlotError, match="9 rows for 3 wavelengths and 3 sizes; expected each pair once"):
+    with pytest.raises(
+        PlotError, match="9 rows for 3 wavelengths and 3 sizes; give each pair of wavelength and size once"
+    ):
         opacity_of(path)
 
 

@@ -75,7 +75,7 @@ def test_the_cheapest_setting_of_a_wave(wave, tmp_path):
         (["--error", "-1%"], "--error -1%: not an error"),
         (["--error", "nan"], "--error nan: not an error"),
         (["--error", "1%", "--budget", "soon"], "--budget soon: not a positive wall-clock time"),
-        (["--error", "1%", "--budget", "-1 h"], "expected one like"),
+        (["--error", "1%", "--budget", "-1 h"], "expected a time like"),
         (["--error", "1%", "--measure", "dust-profil"], 'did you mean "dust-profile"'),
         (["--error", "1%", "--keep", "drag.cel"], 'did you mean "drag.cell"'),
         (["--error", "1%", "--vary", "drag.schem=idic"], 'did you mean "scheme"'),
@@ -252,7 +252,7 @@ def test_powers_are_those_of_all_pairs():
 
 
 @pytest.mark.parametrize(
-    ("error", "words"), [(0.01015, "the same accuracy for 0.33 of that"), (0.0104, "no tested setting")]
+    ("error", "words"), [(0.01015, "the same accuracy in 0.33 of this CPU time"), (0.0104, "no tested setting")]
 )
 def test_what_the_scenes_own_error_costs(error, words):
     """Seeds of the scene scatter by 1e-4: what is within twice that is as good."""

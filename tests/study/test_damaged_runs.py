@@ -26,6 +26,8 @@ def test_a_damaged_run_of_a_study_is_one_message(tmp_path, line):
     with path.open("ab") as file:
         file.write(line.encode(errors="surrogateescape") + b"\n")
     before = path.read_bytes()
-    with pytest.raises(StudyError, match=f"{RUNS}:3: not a run of a study; expected another -o"):
+    with pytest.raises(
+        StudyError, match=f"{RUNS}:3: the line is not a run of a study; choose another directory with -o"
+    ):
         runs.open_record({"varied": ["x"]})
     assert path.read_bytes() == before and json.loads(before.splitlines()[1])["cpu"] == 1.5

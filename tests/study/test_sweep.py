@@ -179,12 +179,12 @@ def test_several_at_a_time_are_the_same(scene, tmp_path):
 @pytest.mark.parametrize(
     "arguments, words",
     [
-        ([], "nothing to vary; expected --vary"),
+        ([], "nothing to vary; add --vary"),
         (["--vary", "drag.stokes"], "not a key with values"),
         (["--vary", "drag.stoeks=1,2"], 'did you mean "stokes"?'),
         ([*STOKES, "--vary", "drag.stokes=3"], "occurs twice"),
         ([*STOKES, "--measure", "dust-r5"], 'did you mean "dust-r50"?'),
-        (["--vary", "title=a b,ab"], "two combinations have the same"),
+        (["--vary", "title=a b,ab"], "two combinations of values have"),
     ],
 )
 def test_what_cannot_be_is_told(scene, tmp_path, arguments, words):
@@ -196,7 +196,7 @@ def test_what_cannot_be_is_told(scene, tmp_path, arguments, words):
 def test_runs_of_another_scene_are_left_alone(made, scene):
     before = contents(made[0])
     done = command(scene, *STOKES, "-o", made[0], "--set", "gas.particles=500")
-    assert done.exit_code == 2 and "the scene differs from that of the run in gas.particles" in done.stderr
+    assert done.exit_code == 2 and "the scene differs from the scene of the run in gas.particles" in done.stderr
     assert contents(made[0]) == before
 
 

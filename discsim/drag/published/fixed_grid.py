@@ -15,16 +15,16 @@ def _problems_of_keys(draft: Draft) -> Iterator[Problem]:
     """Yield the problems of tables and keys that do not apply to a fixed grid."""
     scheme = _scheme_as_text(draft)
     if draft.space and draft.dimensions != 1:
-        yield ("space", "dimensions"), f"{scheme} is a fixed 1D grid; expected 1"
+        yield ("space", "dimensions"), f"{scheme} is a fixed 1D grid; set space.dimensions = 1"
     for table in ("star", "self_gravity", "external", "background"):
         if draft.has(table):
-            yield (table,), f"not possible with {scheme}, which has only pressure and drag; expected no table [{table}]"
+            yield (table,), f"not possible with {scheme}, which has only pressure and drag; remove the table [{table}]"
     for key in OF_SPH:
         if draft.gives("gas", key):
             yield ("gas", key), f"{scheme} has no SPH particles; remove this key"
     if draft.drag.supersonic or LAWS[draft.drag.law].needs_mean_free_path:
         key = "supersonic" if draft.drag.supersonic else "law"
-        yield ("drag", key), f"{scheme} allows only drag linear in velocity; expected another law"
+        yield ("drag", key), f"{scheme} allows only drag linear in velocity; choose another drag.law"
     if draft.drag.direction != "two-way":
         yield ("drag", "direction"), f'{scheme} always couples gas and dust both ways; expected "two-way"'
     if draft.run and draft.run.integrator != "kdk":

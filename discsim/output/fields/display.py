@@ -68,7 +68,7 @@ class DisplayOptions:
         if len(given) == 0:
             return default_window(snap)
         if len(given) == 2:
-            raise self._wrong('is a range of radii; expected "R" or "X,Y,R" for a map')
+            raise self._wrong('is a range of radii; for a map expected "R" or "X,Y,R"')
         middle = given[:2] if len(given) == 3 else np.zeros(2)
         return middle - given[-1], middle + given[-1]
 
@@ -81,7 +81,7 @@ class DisplayOptions:
             return self.ends
         given = self._lengths(snap.units)
         if given.ndim == 2 or len(given) == 3:
-            raise self._wrong('is a region of the plane; expected "R" or "R1,R2" in radius')
+            raise self._wrong('is a region of the plane; expected a radius "R" or two radii "R1,R2"')
         if len(given) == 2:
             return float(given[0]), float(given[1])
         if snap.dimensions == 1:
@@ -116,11 +116,11 @@ class DisplayOptions:
         except UnitError as error:
             raise PlotError(f"{self.prefix}window: {error}") from None
         if not _in_range(given):
-            raise self._wrong(f"is out of range; expected 0, or sizes from {RANGE_TEXT} in code units")
+            raise self._wrong(f"is out of range; expected 0, or absolute values from {RANGE_TEXT} in code units")
         if given.ndim > 1:
             if given.shape == (2, 2) and (given[0] < given[1]).all():
                 return given
-            raise self._wrong('is not a region of the plane; expected a text like "50 au", or corners (lower, upper)')
+            raise self._wrong('is not a region of the plane; expected text like "50 au", or corners (lower, upper)')
         rising = len(given) != 2 or given[0] < given[1]
         if len(given) not in (1, 2, 3) or not rising or (len(given) != 2 and given[-1] <= 0.0):
             raise self._wrong('is not a region of the disc; expected "R", "R1,R2" or "X,Y,R", with R > 0 and R1 < R2')
@@ -148,7 +148,7 @@ class DisplayOptions:
             return given
         if given.unit.is_equivalent("arcsec"):
             if self.distance is None:
-                raise UnitError(f'"{text}" is an angle, but no distance is given; give a length, or a distance too')
+                raise UnitError(f'"{text}" is an angle, but no distance is given; give a length, or add the distance')
             given = given.to_value("rad") * self.distance
         return units.in_code(given, "length")
 
@@ -157,7 +157,7 @@ class DisplayOptions:
         if self.distance is None:
             return None
         if units.system == "code":
-            wrong = "the scene is in code units, so lengths cannot be converted to angles; leave out the distance"
+            wrong = "the scene is in code units, so lengths cannot be converted to angles; remove the distance"
             raise PlotError(f"{self.prefix}distance: {wrong}")
         return 1.0 / float(self.distance.to_value("pc"))
 
@@ -198,7 +198,7 @@ def _window(given: Any, prefix: str) -> Any:
     try:
         return np.asarray(given, dtype=float)
     except (TypeError, ValueError):
-        wanted = 'a text like "50 au", a Quantity, or numbers in code units'
+        wanted = 'text like "50 au", a Quantity, or numbers in code units'
         raise PlotError(f"{prefix}window: {_message_text(given)}; expected {wanted}") from None
 
 
@@ -212,7 +212,9 @@ def _limits(given: Any, name: str) -> tuple[float, float]:
     if not low < high:
         raise PlotError(f'{name}: "{_message_text(given)}"; expected LOW below HIGH')
     if not _in_range((low, high)):
-        raise PlotError(f'{name}: "{_message_text(given)}" is out of range; expected 0, or sizes from {RANGE_TEXT}')
+        raise PlotError(
+            f'{name}: "{_message_text(given)}" is out of range; expected 0, or absolute values from {RANGE_TEXT}'
+        )
     return low, high
 
 
@@ -252,7 +254,7 @@ def field_of(snap: Snapshot, name: str, edges: Any = None, **given: Any) -> Any:
         values = fields_in_rings(snap, _edges(snap, edges), display.optics)[found[0]]
     elif display.window is not None or field.kind != "particles":
         if snap.dimensions == 1:
-            raise FieldError(f"{found[0]}: a run in one dimension has no map; give edges of bins")
+            raise FieldError(f"{found[0]}: a run in one dimension has no map; give the argument edges, for bins in x")
         values = fields_on_pixels(snap, display.map_window(snap), display.pixels, display.optics)[found[0]]
     else:
         values = field.values(snap)

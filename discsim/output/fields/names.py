@@ -55,7 +55,9 @@ def _missing_need(need: str, snap: Snapshot) -> str | None:
     """Return the reason why the snapshot does not have `need`, an entry of `Field.needs`; None if it has it."""
     tables = snap.tables
     if need == "plane":
-        return None if snap.dimensions == 2 else "the field needs two dimensions, but the run has one"
+        return (
+            None if snap.dimensions == 2 else "the field needs a run in two dimensions, but the run is in one dimension"
+        )
     if need == "star":
         return None if "star" in tables else "the field needs a star, but the scene has no [star]"
     if need == "physical":
@@ -74,7 +76,7 @@ def _missing_need(need: str, snap: Snapshot) -> str | None:
 
 def _code_units_reason(what: str) -> str:
     """Return the reason for a field that code units do not allow; `what` continues "where", like "gas has no ..."."""
-    return f"the scene is in code units, where {what}; expected a run with [units] length and mass"
+    return f'the scene is in code units, where {what}; use a run with units.system = "physical"'
 
 
 def _column_hint(name: str, tables: dict[str, object]) -> str:
