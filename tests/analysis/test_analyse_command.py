@@ -263,6 +263,12 @@ def test_a_full_or_wrong_target_leaves_no_part_of_a_file(tmp_path):
     assert {path.name for path in tmp_path.iterdir()} == {"a", "oneway_twoway.csv"}
 
 
+def test_the_list_of_commands_fits_a_terminal(monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    listed = discsim("--help").stdout.split("Commands:")[1]
+    assert [line.split()[0] for line in listed.strip().splitlines()] == list(SCRIPTS) and "..." not in listed
+
+
 @pytest.mark.parametrize("name", SCRIPTS)
 def test_each_script_has_a_help_and_needs_no_other_script(name):
     """So that a copy runs, and the one in a wheel."""
