@@ -91,8 +91,8 @@ def setup(name: str) -> Setup:
 def scene_file(given: Path) -> Path:
     """Return the scene file that the command-line argument `given` names.
 
-    This is the file `given`, if it exists. If `given` is a bare NAME without suffix, it is otherwise the file
-    NAME.toml or else the shipped setup NAME. Raises ShippedError if there is none of these.
+    The result is the file `given` if this file exists. Otherwise, for a bare NAME without suffix, the result is the
+    file NAME.toml or else the shipped setup NAME. Raises ShippedError if none of these files exists.
     """
     if os.path.isfile(given):
         return given

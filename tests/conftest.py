@@ -14,12 +14,12 @@ import environment
 import pytest
 from hypothesis import settings
 
-from discsim.cli.process import collect_rarely
+from discsim.cli.process import collect_garbage_rarely
 from discsim.numerics import threads
 
 environment.settle(os.environ)
 os.environ["XDG_CACHE_HOME"] = tempfile.mkdtemp(prefix="discsim-tests-")
-collect_rarely()
+collect_garbage_rarely()
 threads.MIN_CHUNK_CHEAP = 64  # where a test has several threads, they share what they share in runs of many particles
 signal.signal(signal.SIGINT, signal.default_int_handler)
 settings.register_profile("same-every-time", derandomize=True, deadline=None)

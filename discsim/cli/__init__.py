@@ -19,7 +19,7 @@ __all__ = ["analyse", "app", "costs", "exports", "main", "results", "runs", "sce
 
 def main() -> None:
     """Run the command `discsim` and end the process with its exit status."""
-    process.collect_rarely()
+    process.collect_garbage_rarely()
     process.keep_freed_memory()
     status: Any = 0
     try:

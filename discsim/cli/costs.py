@@ -11,7 +11,7 @@ import typer
 
 from discsim.cli.base import SceneArgument, SetOption, VaryOption, WithoutOption, app, exit_on_fault, fail, load
 from discsim.printable import printable
-from discsim.run.directory import locked_directory, refuse_directory
+from discsim.run.directory import locked_directory, require_usable_directory
 
 ERROR_NOT_REACHED = 4
 
@@ -79,7 +79,7 @@ def cost(
             goal, seconds = parse_error(error), parse_budget(budget)
             options = SearchOptions(goal, seconds, measure, finer, varied, keep or (), repeat or 3, parallel)
             make = partial(Cheapest(scene, directory, options, *changed).make, title)
-        refuse_directory(directory, resume=False)
+        require_usable_directory(directory, resume=False)
         with locked_directory(directory):
             reached = make()
     if not reached:
@@ -87,7 +87,10 @@ def cost(
 
 
 def _refuse_search_options(vary: list[str] | None, given: Mapping[str, object]) -> None:
-    """Exit with a message if the command has no --vary, or options `given` that only a search uses."""
+    """Exit with a message if the command has no --vary, or has options that only a search uses.
+
+    given: values of the options that only a search uses, by name.
+    """
     if not vary:
         fail("nothing to do; add --error 1% to find the cheapest setting, or --vary with values of a key")
     for name, value in given.items():

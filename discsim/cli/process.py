@@ -1,8 +1,8 @@
 """Settings of Python and of the C library for the process of a command. Importing discsim does not change them.
 
-`collect_rarely`: imports and compilation create many long-lived objects. Without this setting, the garbage collector
-scans them repeatedly, for 10% of a start with cached kernels and 8% of a start with compilation. The objects that a
-step creates are freed without the garbage collector.
+`collect_garbage_rarely`: imports and compilation create many long-lived objects. Without this setting, the garbage
+collector scans these objects repeatedly, for 10% of a start with cached kernels and 8% of a start with compilation. The
+objects that a step creates are freed without the garbage collector.
 
 `keep_freed_memory`: freed memory of arrays stays with the process, for the next arrays. By default glibc returns arrays
 above 32 MB to the system as soon as they are freed. Each step allocates arrays of the same sizes again, and the
@@ -25,7 +25,7 @@ USER_SETTINGS = (
 )  # fmt: skip
 
 
-def collect_rarely() -> None:
+def collect_garbage_rarely() -> None:
     """Make Python's garbage collector run rarely, and not at the end of the process."""
     gc.set_threshold(100_000, 20, 100)
     atexit.register(gc.freeze)

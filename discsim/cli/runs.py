@@ -24,7 +24,7 @@ from discsim.cli.base import (
 from discsim.launch import size_and_rank
 from discsim.parts import install_command
 from discsim.printable import printable
-from discsim.run.directory import locked_directory, refuse_directory
+from discsim.run.directory import locked_directory, require_usable_directory
 
 if TYPE_CHECKING:
     from discsim.scene import Scene
@@ -45,17 +45,17 @@ def run(
     quiet: QuietOption = False,
 ) -> None:
     """Run a scene."""
-    loaded = load(scene, _overrides(settings, until=until, threads=threads), without or ())
+    loaded = load(scene, _collect_overrides(settings, until=until, threads=threads), without or ())
     directory = output or Path("runs") / scene.stem
     if size_and_rank()[0] > 1:
         raise SystemExit(_run_on_mpi(loaded, directory, resume, quiet))
-    refuse_directory(directory, resume)
+    require_usable_directory(directory, resume)
     from discsim.run.runner import run_scene
 
     raise SystemExit(run_scene(loaded, directory, resume=resume, quiet=quiet))
 
 
-def _overrides(settings: Sequence[str] | None, **run_keys: object) -> list[str]:
+def _collect_overrides(settings: Sequence[str] | None, **run_keys: object) -> list[str]:
     """Return the values of --set, and those of options like --until that set a key of [run], for `load_scene`."""
     from discsim.scene.overrides import Option
 
@@ -92,10 +92,10 @@ def branch(
     """Start a new run from a snapshot, with other physics. The time goes on."""
     from discsim.run.branch import branch as branch_of
 
-    made = branch_of(directory, at, _overrides(settings, until=until), without or ())
+    made = branch_of(directory, at, _collect_overrides(settings, until=until), without or ())
     into = output or directory.parent / f"{directory.resolve().name}-{made.snapshot.stem}"
     if not preview:
-        refuse_directory(into, resume=False)
+        require_usable_directory(into, resume=False)
     if preview or not quiet:
         show(made.text)
     if preview:
@@ -133,7 +133,7 @@ def sweep(
     from discsim.study.sweep import RunError, Sweep
 
     directory = output or Path("runs") / f"{scene.stem}-sweep"
-    refuse_directory(directory, resume=False)
+    require_usable_directory(directory, resume=False)
     console = Console(markup=False, highlight=False, emoji=False, soft_wrap=True)
     again = f"interrupted; repeat the command to continue with the runs in {directory}"
     try:

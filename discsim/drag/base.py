@@ -60,10 +60,10 @@ class Gas(NamedTuple):
 class Dust(NamedTuple):
     """Arrays of the dust: one row per particle ("grain"). The fields that `Gas` has too have the same meaning here.
 
-    acc_unshared (n, d): the part of `acc` that does not act on gas, for example radiation pressure. class_of (n,): the
-    row of `DragLaw.grains` with the parameters of the grain. per_grain (n,): one number per grain, or empty. If grains
-    have their own sizes, it is the stopping time of the grain divided by the stopping time of its class. With the
-    law t_stop = rho_d / K and sparse dust, it is the dust density at the grain.
+    acc_unshared (n, d): the part of `acc` that does not act on gas, for example radiation pressure. class_of (n,):
+    the row of `DragLaw.grains` with the parameters of the grain. per_grain (n,): one number per grain, or empty. If
+    grains have their own sizes, the number is the stopping time of the grain divided by the stopping time of its
+    class. With the law t_stop = rho_d / K and sparse dust, the number is the dust density at the grain.
     """
 
     pos: Array
@@ -111,12 +111,12 @@ class CellRule(NamedTuple):
     A cell has at least its smallest side. A cell with too few particles is larger, up to a limit.
 
     dim: number of dimensions. classes: number of classes of grains. lattice: `Lattice` of leaves before the shift of
-    this step. lengths (n,): smoothing lengths of the gas particles of this rank, reduced as in `drag/width.py`. size:
-    smallest side divided by the mean of `lengths` in the cell; 0 if `length` is the smallest side. length: smallest
-    side in code units; 0 if `size` determines it. fewest: numbers of gas and of dust particles; a cell with fewer is
-    enlarged. soft: a cell with few particles is enlarged to at most this many smallest sides. hard: the same limit for
-    a cell without gas, or without dust where it needs dust. two_way: whether drag acts on the gas too. step: number
-    of the time step, which determines the shift of the lattice.
+    this step. lengths (n,): smoothing lengths of the gas particles of this rank, reduced as in `drag/width.py`.
+    size: smallest side divided by the mean of `lengths` in the cell; 0 if `length` is the smallest side. length:
+    smallest side in code units; 0 if `size` determines it. fewest: numbers of gas and of dust particles; a cell with
+    fewer is enlarged. soft: a cell with few particles is enlarged to at most this many smallest sides. hard: the
+    upper limit, in smallest sides, for a cell without gas, or without dust where the scheme needs dust. two_way:
+    whether drag acts on the gas too. step: number of the time step, which determines the shift of the lattice.
     """
 
     dim: int
@@ -230,7 +230,7 @@ class Scheme:
     damps : bool
         Whether the scheme damps waves too strongly where h > c_s t_stop.
     unused : dict of str to tuple of str
-        Keys of [drag] that have no meaning for the scheme, by the reason.
+        For each reason, as a text: the keys of [drag] that for this reason have no meaning for the scheme.
     cells : CellSizes, optional
         Limits of the sizes of drag cells, for schemes with `layout`.
     nanoseconds : float

@@ -40,11 +40,11 @@ SHIFT_STEP = np.array([0.70493075, 0.64794019])
 class Lattice(NamedTuple):
     """Lattice of square leaves that covers the grid of a run, or the part of the lattice that a rank has.
 
-    origin (2,): lower corner of the grid. extent (2,): size of the grid in leaves. margin: number of additional leaves
-    on every side of the grid; particles outside them feel no drag. side: side of a leaf, in two dimensions a whole
-    number of grid cells. whole: number of leaves of the whole lattice along x and y. periodic: whether space is
-    periodic. first, shape: the part of this rank begins at the leaf `first` and has `shape` leaves along x and y; in
-    serial runs it is the whole lattice.
+    origin (2,): lower corner of the grid. extent (2,): size of the grid in leaves. margin: number of additional
+    leaves on every side of the grid; particles outside the lattice feel no drag. side: side of a leaf, in two
+    dimensions a whole number of grid cells. whole: number of leaves of the whole lattice along x and y. periodic:
+    whether space is periodic. first, shape: the part of this rank begins at the leaf `first` and has `shape` leaves
+    along x and y; in serial runs this part is the whole lattice.
     """
 
     origin: Array
@@ -58,7 +58,7 @@ class Lattice(NamedTuple):
 
     @property
     def joined(self) -> Array:
-        """Two booleans (2,): whether this part is periodic along x, and along y."""
+        """Two booleans (2,): whether this rank's part of the lattice is periodic along x, and along y."""
         return self.periodic & (np.array(self.shape) == self.whole)
 
 
@@ -67,7 +67,7 @@ class Merged(NamedTuple):
 
     number (leaves + 1,): index of the block of each leaf; the last entry is for particles outside the lattice.
     first_leaf (blocks, 2): indices (ix, iy) of the lowest leaf of each block in this part of the lattice. level
-    (blocks,): log2 of the side of each block in leaves. enlarged (blocks,): whether a block is larger for lack of
+    (blocks,): log2 of the side of each block in leaves. enlarged (blocks,): whether a block was enlarged for lack of
     particles.
     """
 
@@ -126,7 +126,7 @@ class Blocks(NamedTuple):
 
 
 class OneRank:
-    """Communication between ranks for a layout, in a serial run; `ranks/leaves.py` has its counterpart for MPI runs."""
+    """Communication between ranks for a layout, in a serial run; `ranks/leaves.py` has the class for MPI runs."""
 
     def part_of(self, lattice: Lattice, shift: Array, positions: Sequence[Array]) -> Lattice:
         """Return the part of a lattice that this rank needs: here the whole lattice.
@@ -136,7 +136,7 @@ class OneRank:
         return lattice
 
     def summed(self, lattice: Lattice, *sums: Array) -> Sequence[Array]:
-        """Return the sums over all ranks for each leaf of a part; sums (leaves + 1,): sums over local particles."""
+        """Return for each leaf the sums over all ranks; sums (leaves + 1,): sums over local particles."""
         return sums
 
 
@@ -197,7 +197,7 @@ def _find_leaves(
     that returns the leaves of positions. keys: leaves of the local gas and of the local dust. numbers: result of
     `_counts_in_leaves`.
     """
-    shift = _shift(rule, leaves, shifted, mirrored)
+    shift = _lattice_shift(rule, leaves, shifted, mirrored)
     part = ranks.part_of(leaves, shift, (gas.pos, dust.pos))
     find = partial(_leaf_of_each, part, shift)
     keys = find(gas.pos), find(dust.pos)
@@ -239,7 +239,7 @@ def _with_margin(leaves: Lattice, dim: int) -> Lattice:
     return leaves._replace(margin=2**LEVELS, whole=whole, shape=whole)
 
 
-def _shift(rule: CellRule, leaves: Lattice, shifted: bool, mirrored: bool) -> Array:
+def _lattice_shift(rule: CellRule, leaves: Lattice, shifted: bool, mirrored: bool) -> Array:
     """Return the shift (2,) of the lattice's origin in this step, in leaves; arguments as in `lay_blocks`."""
     shift = np.zeros(2)
     if shifted:

@@ -62,7 +62,10 @@ class Classes:
         return len(self.law.grains)
 
     def sort(self, dust: Any) -> None:
-        """Update `law`, `of` and `relative` if the grains or their sizes have changed. dust: `Particles` of the run."""
+        """Update `law`, `of` and `relative` if the grains or their sizes have changed.
+
+        dust: `Particles` of the dust.
+        """
         if dust.size is None:
             self.of = dust.species
         # A change of the particles or of their sizes makes a new array of sizes.

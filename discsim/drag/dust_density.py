@@ -55,7 +55,10 @@ def particles_of(dust: Dust, members: Array, sph: Sph) -> DustParticles:
 
 
 def h_at_density(particles: DustParticles, density: Array | float) -> Array:
-    """Return the smoothing lengths (n,) that belong to a density, one number or (n,). Density 0 has the largest h."""
+    """Return the smoothing lengths (n,) at which the particles have the given density: one number for all, or (n,).
+
+    Density 0 gives the largest h.
+    """
     with np.errstate(divide="ignore", over="ignore"):  # of a density of 0
         h = particles.sph.eta * (particles.mass / density) ** (1.0 / particles.sph.dim)
     return np.minimum(h, particles.sph.h_most)
@@ -64,7 +67,7 @@ def h_at_density(particles: DustParticles, density: Array | float) -> Array:
 def solve_density(particles: DustParticles) -> None:
     """Solve for smoothing lengths and densities, in place; `particles.h` has the first guess on input.
 
-    Where h falls below SMALLEST times the guess, it is raised to this bound and the densities are computed again.
+    Where h falls below SMALLEST times the guess, h is raised to this bound and the densities are computed again.
     """
     sph, guess = particles.sph, particles.h.copy()
     sph.density(particles, np.empty((0, sph.dim)))
@@ -78,9 +81,10 @@ def solve_density(particles: DustParticles) -> None:
 def densities_of_sparse_dust(gas: Gas, dust: Dust, law: DragLaw, context: KickContext, scene: Scene) -> Array:
     """Return the SPH density (n,) of the dust of sparse populations, and 0 for all other dust.
 
-    The array is empty if no population is sparse, or if the law is not t_stop = rho_d / K, which alone needs a density.
-    Most drag cells have no grain of a sparse population. The density from the numbers in cells, and with it
-    t_stop = rho_d / K, would be that of one grain per cell, whatever the true density.
+    The array is empty if no population is sparse, or if the law is not t_stop = rho_d / K, the only law that needs a
+    density. Most drag cells have no grain of a sparse population. A density computed from the numbers of grains in
+    cells would be that of one grain per cell, whatever the true density, and t_stop = rho_d / K would be wrong by
+    the same factor.
     """
     if law.code != CONSTANT:
         return EMPTY

@@ -9,7 +9,7 @@ import numpy as np
 
 from discsim.drag.base import EMPTY, CellRule, DragLaw, Dust, Gas, KickContext, KickResult, Scheme
 from discsim.drag.classes import Classes
-from discsim.drag.width import Width
+from discsim.drag.width import CellWidth
 from discsim.numerics import world
 from discsim.numerics.layout import MAX_CELL_GROWTH
 from discsim.numerics.totals import mean, total
@@ -41,14 +41,14 @@ def moving_mass(dust: DustOfState) -> Array:
 class Engine:
     """Drag engine of a serial run; `ranks/drag.py` has the subclass for several MPI ranks.
 
-    star: central mass and its softening at the last kick. buffers: scratch arrays of the scheme by name. samples: the
-    sampled particles of each species, from whose velocities the frame is computed.
+    star: central mass and its softening at the last kick. buffers: scratch arrays of the scheme by name. samples:
+    the particles of each species whose velocities determine the frame.
     """
 
     def __init__(self, scene: Scene, star: tuple[float, float]) -> None:
         self.scene, self.star, self.dim = scene, star, scene.space.dimensions
         self.scheme: Scheme = SCHEMES[scene.drag.scheme]
-        self.law, self.width = SceneLaw(scene), Width(scene)
+        self.law, self.width = SceneLaw(scene), CellWidth(scene)
         self.classes = Classes(scene, self.law)
         self.period = np.full(2, np.inf)
         if scene.space.boundary == "periodic":
@@ -60,7 +60,10 @@ class Engine:
 
     @property
     def stopping_times(self) -> Array:
-        """Stopping times (n,) of the dust in the last kick, inf without gas. They are computed at the first access."""
+        """Stopping times (n,) of the dust in the last kick, inf without gas.
+
+        The times are computed at the first access.
+        """
         self._times = times = self._times() if callable(self._times) else self._times
         return times
 
@@ -132,7 +135,10 @@ class Engine:
         return self._call(gas, dust, frame, dt, built, heat)
 
     def _call(self, gas: Gas, dust: Dust, frame: Frame, dt: float, built: Any, heat: Array) -> KickResult:
-        """Call the scheme. built: cells of the kick, the result of the scheme's `build`; None for a scheme without."""
+        """Call the scheme.
+
+        built: cells of the kick, the result of the scheme's `build`; None for a scheme without `build`.
+        """
         return self.scheme.kick(gas, dust, self.classes.law, frame, dt, built, self._context(heat))
 
     def _build(self, state: Seen, gas: Gas, dust: Dust) -> Prepared:

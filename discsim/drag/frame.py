@@ -48,7 +48,7 @@ def frame_of(species: Mapping[str, Any], mass: float, softening: float, samples:
     """
     if mass == 0.0:
         return Frame(0.0, 0.0, 0.0, 0.0, np.ones(1))
-    chosen = [_sample(samples, name, p) for name, p in species.items()]
+    chosen = [_sampled_rows(samples, name, p) for name, p in species.items()]
     parts = [
         world.processes.gather_sample(np.column_stack([p.mass[rows], p.pos[rows], p.vel[rows]]), p.global_index, rows)
         for p, rows in zip(species.values(), chosen, strict=True)
@@ -60,8 +60,8 @@ def frame_of(species: Mapping[str, Any], mass: float, softening: float, samples:
     low, high = log.min(), log.max()
     if not np.isfinite(low + high):  # the check after the kick reports the particle that is not finite
         return Frame(mass, softening, 0.0, 0.0, np.ones(1))
-    per_ring = RINGS / max(high - low, 1e-9)
-    ring = np.minimum(((log - low) * per_ring).astype(np.int64), RINGS - 1)
+    rings_per_unit = RINGS / max(high - low, 1e-9)
+    ring = np.minimum(((log - low) * rings_per_unit).astype(np.int64), RINGS - 1)
     # v_phi / v_K = L / (r^2 Omega_K), with the softening of the star.
     d2 = r2 + softening**2
     speed = (pos[:, 0] * vel[:, 1] - pos[:, 1] * vel[:, 0]) / (r2 * np.sqrt(mass / (d2 * np.sqrt(d2))))
@@ -70,10 +70,10 @@ def frame_of(species: Mapping[str, Any], mass: float, softening: float, samples:
     mean_sense = 1.0 if sum_of_ring.sum() >= 0.0 else -1.0
     opposite = mean_sense * sum_of_ring[filled] < -0.5 * mass_of_ring[filled]
     sense = np.interp(np.arange(RINGS), filled, np.where(opposite, -mean_sense, mean_sense))
-    return Frame(mass, softening, low, per_ring, sense[:1] if np.ptp(sense) == 0.0 else sense)
+    return Frame(mass, softening, low, rings_per_unit, sense[:1] if np.ptp(sense) == 0.0 else sense)
 
 
-def _sample(samples: Samples, name: str, particles: Any) -> Array:
+def _sampled_rows(samples: Samples, name: str, particles: Any) -> Array:
     """Return the indices of the sampled particles of the species `name`, and update its entry in `samples`.
 
     The entry of the last call is used again as far as it is still valid.
@@ -103,7 +103,7 @@ def _only_unsorted_changed(known: Sample, ids: Array, every: int) -> bool:
 
 
 def _rows_still_sampled(rows: Array, before: Array, ids: Array, every: int) -> bool:
-    """Return whether the rows of all multiples of `every` in the new `ids` are still `rows`, the rows in ids `before`.
+    """Return whether the multiples of `every` have the same `rows` in the new `ids` as in the ids `before`.
 
     In a serial run, ids can only be removed or sorted. If all `rows` of the new ids hold multiples of `every`, no other
     row does. On several processes the result is False, as particles may have come from another process.

@@ -1,4 +1,4 @@
-"""Kick of the scheme tsc (`drag/tsc.py`): gather particles to nodes of a lattice, relax there, scatter to particles."""
+"""Kick of the scheme tsc (`drag/tsc.py`): gather particles to nodes, relax the slip at nodes, scatter to particles."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ class NodeCells(NamedTuple):
     """Drag cells of a kick: their particles, and the neighbours of cells and nodes.
 
     blocks: the blocks with their particles; a block is a cell. rows: two arrays, for gas and for dust. Particles are
-    stored in rows of LANES particles of the same block and class. Each array has the number of rows before the rows of
-    each class in each block. row_count: number of rows in the tables of sums. corners, sides: lower corners (cells, 2)
-    and sides (cells,) of the cells. centre_node, species_row: as in `CellSums`. stencil, node_cells, centre: as in
-    `NodeSums`; both are in `kernels/drag/tsc/nodes.py`.
+    stored in rows of LANES particles of the same block and class. For each class in each block, the array has the
+    number of rows that come before the first row of the class. row_count: number of rows in the tables of sums.
+    corners, sides: lower corners (cells, 2) and sides (cells,) of the cells. centre_node, species_row: as in
+    `CellSums`. stencil, node_cells, centre: as in `NodeSums`; both are in `kernels/drag/tsc/nodes.py`.
     """
 
     blocks: Blocks
@@ -76,9 +76,9 @@ def kick(
     few = classes > 1 and _has_few_grains(blocks, classes, dust.local)
     of_gas, of_dust = species_in(gas, dust, classes, blocks)
     cells, nodes = _allocate_sums(built, classes, law, context, few and len(dust.acc_unshared) == 0)
-    gas_columns, collect_gas = _gather(context, of_gas, cells, nodes, built.rows[0], frame, law.code)
+    gas_columns, collect_gas = _gather_species(context, of_gas, cells, nodes, built.rows[0], frame, law.code)
     parallel_for_fused([collect_gas], len(nodes.stencil), least=LEAST)  # sums of dust depend on which nodes have gas
-    dust_columns, collect_dust = _gather(context, of_dust, cells, nodes, built.rows[1], frame, law.code)
+    dust_columns, collect_dust = _gather_species(context, of_dust, cells, nodes, built.rows[1], frame, law.code)
     impulse = _relax_nodes(of_gas, of_dust, blocks, cells, nodes, collect_dust, law, frame, dt, context)
     # With heating, the blocks of ghosts are kicked too, as their losses of energy also heat local gas.
     kicked, rate = len(built.sides) if len(context.heat) > 0 else blocks.own, np.empty((len(built.sides), classes))
@@ -102,7 +102,7 @@ def kick(
     )
 
 
-def _scratch(context: KickContext, name: str, *shape: int) -> Array:
+def _scratch_array(context: KickContext, name: str, *shape: int) -> Array:
     """Return the scratch array `name` of the run with this shape, uninitialised.
 
     Its memory is reused in each kick: allocating it again would cost as much time as the loops that use it.
@@ -116,8 +116,8 @@ def _scratch(context: KickContext, name: str, *shape: int) -> Array:
 def _has_few_grains(blocks: Blocks, classes: int, local: int) -> bool:
     """Return whether classes have fewer than FEW_GRAINS grains in the cells that contain them, on average.
 
-    It is then cheaper to sum single grains at the nodes than to sum the grains of each cell first. The average is over
-    all ranks. local: number of local grains.
+    With few grains it is cheaper to sum single grains at the nodes than to sum the grains of each cell first. The
+    average is over all ranks. local: number of local grains.
     """
     start = blocks.dust_start[: len(blocks.level) * classes + 1]
     filled = np.flatnonzero(np.diff(start))
@@ -135,10 +135,10 @@ def _allocate_sums(
     """
     blocks, _, corners, sides, centre_node, species_row, row_count, stencil, node_cells, centre = built
     count = len(sides)
-    given = _scratch(context, "given of cells", count if by_grain else row_count, 9, FIELDS)
-    own = _scratch(context, "own of cells", row_count, 3, FIELDS)
-    total = _scratch(context, "all dust of cells", count if by_grain else 0, 3, FIELDS)
-    share = _scratch(context, "shares of grains", len(blocks.dust_order) if by_grain else 0)
+    given = _scratch_array(context, "given of cells", count if by_grain else row_count, 9, FIELDS)
+    own = _scratch_array(context, "own of cells", row_count, 3, FIELDS)
+    total = _scratch_array(context, "all dust of cells", count if by_grain else 0, 3, FIELDS)
+    share = _scratch_array(context, "shares of grains", len(blocks.dust_order) if by_grain else 0)
     square = np.empty(len(stencil) if context.dim == 2 and law.two_way else 0)
     return (
         CellSums(corners, sides, centre_node, species_row, given, own, total, share, context.period),
@@ -146,7 +146,7 @@ def _allocate_sums(
     )
 
 
-def _gather(
+def _gather_species(
     context: KickContext, kind: Species, cells: CellSums, nodes: NodeSums, rows: Array, frame: Frame, law: int
 ) -> tuple[tuple[Array, Array], tuple[Any, ...]]:
     """Gather the particles of a species to the sums of cells, and return (packed, collect).
@@ -157,11 +157,11 @@ def _gather(
     """
     name, count = ("gas", "dust")[kind.first], len(cells.side)
     if kind.first > 0 and len(cells.dust_moments) > 0:
-        row = _scratch(context, "rows of grains", len(kind.order), FIELDS)
+        row = _scratch_array(context, "rows of grains", len(kind.order), FIELDS)
         parallel_for(grains.gather_grains, count, kind, cells, nodes, frame, law, row, cells.scaled_mass, least=LEAST)
         return (np.empty(0, np.int64), row.ravel()), (grains.collect_grains, kind, nodes, row, cells.scaled_mass)
     begin = (FIELDS if len(kind.source) > 0 else BX) * LANES * rows
-    column = _scratch(context, f"columns of {name}", int(begin[-1]))
+    column = _scratch_array(context, f"columns of {name}", int(begin[-1]))
     square = np.empty((count if kind.first == 0 and len(nodes.square) > 0 else 0, 9))
     parallel_for(gather.gather, count, kind, cells, nodes, frame, law, begin, column, square, least=LEAST)
     return (begin, column), (gather.collect, kind, cells, nodes, square)
@@ -205,7 +205,10 @@ def _relax_nodes(
 def _stopping_times(
     dust: Species, cells: CellSums, nodes: NodeSums, impulse: NodeImpulses, packed: tuple[Array, Array]
 ) -> Array:
-    """Return the stopping time (n,) of each dust particle; inf for particles without gas. packed: as in `_gather`."""
+    """Return the stopping time (n,) of each dust particle; inf for particles without gas.
+
+    packed: as in `_gather_species`.
+    """
     time = np.full(len(dust.mass), np.inf)
     parallel_for(scatter.stopping_times, len(cells.side), dust, cells, nodes, impulse.value, *packed, time, least=LEAST)
     return time

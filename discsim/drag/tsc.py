@@ -30,7 +30,7 @@ NEAREST = 0.5**0.5  # smallest ratio of the nearest power of two to the target s
 def leaf(scene: Scene, number: float, h_mean: Callable[[], float], h_least: float) -> float:
     """Return the smallest allowed side of a leaf, as `CellSizes.leaf`.
 
-    It is the target side at the mean h, halved until it is near the target side at the smallest h.
+    The result is the target side at the mean h, halved until it is near the target side at the smallest h.
     """
     side = number * h_mean()
     return side * 0.5 ** max(0.0, np.ceil(np.log2(side / number / h_least) - 0.5))

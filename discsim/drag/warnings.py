@@ -26,14 +26,14 @@ WIDE = 1.4  # side of a drag cell, in H, from which on the drift with `tsc` has 
 
 def drag_warnings(scene: Scene, at: GasSamples) -> Iterator[str]:
     """Yield the warnings about drag of a scene with [drag]; at: properties of the gas at sample points."""
-    yield from _negligible_drag(scene, at)
+    yield from _weak_drag(scene, at)
     yield from _wide_cells(scene, at)
     yield from _sparse_cells(scene, at)
     yield from _scheme_limits(scene, at)
 
 
-def _negligible_drag(scene: Scene, at: GasSamples) -> Iterator[str]:
-    """Yield a warning for each population with Stokes numbers above 10, for which drag is negligible."""
+def _weak_drag(scene: Scene, at: GasSamples) -> Iterator[str]:
+    """Yield a warning for each population with Stokes numbers above 10, for which drag is weak."""
     for i, time in enumerate(laws.stopping_times(scene, at.density, at.thermal_speed, at.omega)):
         if at.omega is not None and (time * at.omega).max() > 10:
             stokes = time * at.omega

@@ -56,7 +56,7 @@ def in_lengths(scene: Scene) -> float:
     return min(LENGTHS[dim - 1], SPACINGS[dim - 1] / scene.gas.eta)
 
 
-class Width:
+class CellWidth:
     """Target side of a scene's drag cells: `number` times the smoothing length that `limited_lengths` returns.
 
     least: smallest factor by which H may reduce a smoothing length. limited: whether H limits the side at all. rounded:
@@ -84,7 +84,10 @@ class Width:
 
     @cached_property
     def table(self) -> tuple[Array, float]:
-        """Upper limits HEIGHTS H / number of smoothing lengths (NODES,) at equidistant radii from 0; radii per unit."""
+        """Upper limits (NODES,) of smoothing lengths, and the number of limits per unit radius.
+
+        The limits are HEIGHTS H / `number` at equidistant radii from 0.
+        """
         end = BEYOND * max(self.scene.space.size)
         r = np.linspace(0.0, end, NODES)
         r[0] = 1e-3 * r[1]
@@ -103,7 +106,10 @@ class Width:
         return out
 
     def limited_lengths_at(self, radius: Array, h: Array) -> Array:
-        """Return the same as `limited_lengths` for gas at the radii `radius` (n,); numpy only, without compilation."""
+        """Return the result of `limited_lengths` for gas at the radii `radius` (n,).
+
+        The function uses numpy only, and compiles nothing.
+        """
         if not self.limited:
             return h
         table, nodes = self.table

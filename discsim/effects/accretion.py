@@ -36,7 +36,7 @@ def accreted_masses(state: State, name: str, gone: np.ndarray) -> Accreted:
     mass, small = total(particles.mass[gone]), 0.0
     if name == "gas" and state.gas.small is not None:
         small = total(state.gas.small[gone])
-        if growth.small_dust_in_mass(state.scene):
+        if growth.gas_mass_includes_small_dust(state.scene):
             return Accreted(mass, total(particles.mass[gone] - state.gas.small[gone]), small)
     return Accreted(mass, mass, small)
 

@@ -108,7 +108,7 @@ class Effect(base.Effect):
 
     @classmethod
     def report(cls, scene: Scene, at: base.GasSamples) -> base.Report:
-        return base.Report(_rows(scene, at), _warnings(scene, at))
+        return base.Report(_viscosity_rows(scene, at), _viscosity_warnings(scene, at))
 
     @classmethod
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
@@ -138,7 +138,7 @@ class Effect(base.Effect):
         return {"gas": base.Limit(step, UNSTABLE * step)}
 
 
-def _rows(scene: Scene, at: base.GasSamples) -> Iterator[tuple[str, str]]:
+def _viscosity_rows(scene: Scene, at: base.GasSamples) -> Iterator[tuple[str, str]]:
     """Yield (name, text) of the requested and the numerical viscosities."""
     found = _viscosities(scene, at)
     if found is None:
@@ -154,7 +154,7 @@ def _rows(scene: Scene, at: base.GasSamples) -> Iterator[tuple[str, str]]:
         yield "estimated alpha of particle noise", _joined(noise)
 
 
-def _warnings(scene: Scene, at: base.GasSamples) -> Iterator[str]:
+def _viscosity_warnings(scene: Scene, at: base.GasSamples) -> Iterator[str]:
     """Yield a warning of a numerical viscosity above the requested one."""
     found = _viscosities(scene, at)
     if found is None or not scene.gas:

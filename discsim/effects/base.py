@@ -248,17 +248,19 @@ def drift(scene: Scene, particles: Particles, dt: float, masses: np.ndarray | No
     """
     species = getattr(particles, "species", NO_SPECIES)
     if particles.immobile is None:
-        _drift(particles.pos, particles.vel, dt, masses, species)
+        _drift_in_place(particles.pos, particles.vel, dt, masses, species)
     else:
         free = ~particles.immobile
         pos, vel = particles.pos[free], particles.vel[free]
-        _drift(pos, vel, dt, masses, species[free] if len(species) else species)
+        _drift_in_place(pos, vel, dt, masses, species[free] if len(species) else species)
         particles.pos[free], particles.vel[free] = pos, vel
     if scene.space.boundary == "periodic":
         parallel_for(moves.wrap, particles.count, particles.pos, np.array(scene.space.size), light=True)
 
 
-def _drift(pos: np.ndarray, vel: np.ndarray, dt: float, masses: np.ndarray | None, species: np.ndarray) -> None:
+def _drift_in_place(
+    pos: np.ndarray, vel: np.ndarray, dt: float, masses: np.ndarray | None, species: np.ndarray
+) -> None:
     """Move positions `pos` (n, d), and on Kepler orbits velocities `vel` (n, d), over dt in place; see `drift`."""
     if masses is not None:
         parallel_for(kepler.drift, len(pos), pos, vel, masses, species, dt)
@@ -285,8 +287,8 @@ def source_problems(
 ) -> Iterator[Problem]:
     """Yield problems of the key `where`, a list of the sources of a force: "gas", "dust", "star" or "companions".
 
-    path: how the force may act on the gas indirectly, as text for messages. Dust is then no valid source in scenes with
-    one-way drag.
+    path: how the force may act on the gas indirectly, as text for messages. If `path` is given, dust is no valid
+    source in scenes with one-way drag.
     """
     names = list(names)
     if len(set(names)) < len(names):

@@ -111,8 +111,8 @@ class _LocalLengths(NamedTuple):
     """Length scales at the semi-major axis of a companion.
 
     units: units of the scene. softening: softening of the companion. height: scale height H of the gas. resolution:
-    smoothing length h of the gas, as in `GasSamples.resolution`. The last two are None if the scene does not define
-    them.
+    smoothing length h of the gas, as in `GasSamples.resolution`. `height` and `resolution` are None if the scene
+    does not define them.
     """
 
     units: Units
@@ -200,7 +200,7 @@ class Effect(base.Effect):
 
     @classmethod
     def report(cls, scene: Scene, at: base.GasSamples) -> base.Report:
-        return base.Report(_rows(scene, at), _warnings(scene, at))
+        return base.Report(_companion_rows(scene, at), _companion_warnings(scene, at))
 
     def operators(self, state: State) -> list[base.Operator]:
         reads, of = base.arrays(state.species, "pos vel mass") | {"bodies"}, base.Slot
@@ -239,7 +239,7 @@ class Effect(base.Effect):
         return found
 
     def _limit(self, shortest: float, row: Callable[[], int] | None = None) -> base.Limit:
-        """Return the limit by orbits or encounters.
+        """Return the time-step limit by orbits of companions, or by encounters of particles with companions.
 
         shortest: smallest 1 / frequency. row: `Limit.row`, which returns the particle that sets the limit.
         """
@@ -266,7 +266,10 @@ class Effect(base.Effect):
         self.orbits.set_bodies(bodies, state.time)
 
     def _accrete(self, state: State, k: int, name: str, position: list[float]) -> None:
-        """Let companion `k`, at `position`, accrete particles of species `name` after a step, and remove these."""
+        """Let companion `k`, at `position`, accrete particles of species `name` after a step.
+
+        The accreted particles are removed from the state.
+        """
         companion, p = self.companions[k], state.species[name]
         found = parallel_for(kernels.split_by_radius, p.count, p.pos, companion.accretion_radius**2, *position)
         gone = np.concatenate([inside for _, inside in found])
@@ -294,7 +297,7 @@ class Effect(base.Effect):
         return energy
 
 
-def _rows(scene: Scene, at: base.GasSamples) -> Iterator[tuple[str, str]]:
+def _companion_rows(scene: Scene, at: base.GasSamples) -> Iterator[tuple[str, str]]:
     """Yield (name, text) of the derived numbers of each companion."""
     viscous = scene.table("alpha_viscosity") is not None
     for k, companion in enumerate(scene.table("companion"), 1):
@@ -310,7 +313,7 @@ def _rows(scene: Scene, at: base.GasSamples) -> Iterator[tuple[str, str]]:
             yield f"{name}: gap", f"K = {gap:.3g}: Sigma in the gap falls to a fraction of {depth:.2g}"
 
 
-def _warnings(scene: Scene, at: base.GasSamples) -> Iterator[str]:
+def _companion_warnings(scene: Scene, at: base.GasSamples) -> Iterator[str]:
     """Yield warnings of a Hill radius or softening below the smoothing length of the gas."""
     for k, companion in enumerate(scene.table("companion"), 1):
         near = _local_lengths(scene, at, companion)

@@ -7,8 +7,8 @@ zone. The Stokes number St of each grain is that of the last kick (Youdin & Lith
 diffusivity of the grains at any St. In one dimension Sigma is the density, and Omega is `external.vertical_frequency`.
 
 Each grain walks once a step, after its drift. xi depends on the seed, the id of the grain and the step number
-(`kernels/common/philox.py`). The walk is split into substeps if sqrt(2 D dt) exceeds h/2 (H/6 in a prescribed disc). It
-sets no time-step limit.
+(`kernels/common/philox.py`). The walk is split into substeps if sqrt(2 D dt) exceeds h/2 (H/6 in a prescribed disc).
+The walk sets no time-step limit.
 
 The walk conserves velocities, and so momentum. About a star it conserves velocities relative to the circular orbit at
 each position (`kernels/dust/diffusion.py`), which changes the angular momentum of a grain. With two-way drag, the gas
@@ -105,7 +105,7 @@ class Effect(base.Effect):
 
     def __init__(self, scene: Scene, state: State) -> None:
         self.scene, self.dim = scene, scene.space.dimensions
-        given = diffusion.constant(scene)
+        given = diffusion.uniform_diffusivity(scene)
         self.constant = 0.0 if given is None else given
         self.table = diffusion.alpha_table(scene)
         self.uses_stokes = scene.table("dust_diffusion").D is None
@@ -118,7 +118,7 @@ class Effect(base.Effect):
 
     @classmethod
     def report(cls, scene: Scene, at: base.GasSamples) -> base.Report:
-        return base.Report(_rows(scene, at), _warnings(scene, at))
+        return base.Report(_diffusion_rows(scene, at), _diffusion_warnings(scene, at))
 
     @classmethod
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
@@ -149,7 +149,7 @@ class Effect(base.Effect):
                 )
             )  # fmt: skip
             if done == 0:
-                steps = _substeps(2.0 * float(world.processes.max(steepest)) * dt / LONGEST_WALK**2)
+                steps = _substep_count(2.0 * float(world.processes.max(steepest)) * dt / LONGEST_WALK**2)
             if dust.immobile is not None:
                 strength[dust.immobile] = 0.0
             lag = 0.0 if drift_rotates_velocities(self.scene) else state.velocity_lag + dt
@@ -169,9 +169,10 @@ class Effect(base.Effect):
     ) -> None:
         """Make one substep of the walk over dt, and subtract the gained angular momentum from the gas.
 
-        gas: properties of the gas at the grains, from `_GasSampler.at`. strength (n,), drift (n, d): of the walk, from
-        `kernels.write_diffusivities`. lag: time by which velocities are rotated behind positions on circular orbits.
-        number: number of the substep in the run, for the random vectors.
+        gas: properties of the gas at the grains, from `_GasSampler.at`. strength (n,), drift (n, d): diffusivity and
+        drift velocity of the walk, from `kernels.write_diffusivities`. lag: time by which velocities are rotated
+        behind positions on circular orbits. number: index of the substep in the run, which determines the random
+        vectors.
         """
         dust, centre, star = state.dust, base.centre_of_disc(state), state.central
         circles = kernels.CircularOrbits(*star, lag, centre)
@@ -257,7 +258,7 @@ class _GasSampler:
         gas.vel[:] = vel[met.gas.local_rows]
 
 
-def _rows(scene: Scene, at: base.GasSamples) -> Iterator[tuple[str, str]]:
+def _diffusion_rows(scene: Scene, at: base.GasSamples) -> Iterator[tuple[str, str]]:
     """Yield (name, text) of the diffusion coefficient and time of each dust population."""
     found = diffusion.diffusivities(scene, at)
     for i, (strength, _) in enumerate(found):
@@ -269,7 +270,7 @@ def _rows(scene: Scene, at: base.GasSamples) -> Iterator[tuple[str, str]]:
             yield f"diffusion time over H{which}", ", ".join(times)
 
 
-def _warnings(scene: Scene, at: base.GasSamples) -> Iterator[str]:
+def _diffusion_warnings(scene: Scene, at: base.GasSamples) -> Iterator[str]:
     """Yield a warning of many substeps in a time step."""
     if at.step is None or at.resolution is None:
         return
@@ -286,7 +287,7 @@ def _warnings(scene: Scene, at: base.GasSamples) -> Iterator[str]:
             return
 
 
-def _substeps(wanted: float) -> int:
+def _substep_count(wanted: float) -> int:
     """Return `wanted`, at least 1, rounded up to a whole number. Raises FloatingPointError above MOST_SUBSTEPS."""
     if not wanted <= MOST_SUBSTEPS:
         raise FloatingPointError(

@@ -17,7 +17,7 @@ from discsim.effects import base
 from discsim.formulas.smoothing import SMOOTHING
 from discsim.numerics import alloc
 from discsim.numerics.state import FOLLOWED, State
-from discsim.numerics.threads import blocks, copied, fill, parallel_for
+from discsim.numerics.threads import block_slices, copied, fill, parallel_for
 from discsim.parts import EOS, Lazy
 from discsim.physics import centre, companions, viscosity
 from discsim.physics.eos import eos_of, pressure_and_sound_speed, radius, thermal_speed
@@ -68,7 +68,10 @@ def _conductivity_problems(draft: Draft) -> Iterator[Problem]:
 
 
 def _quiet_problems(draft: Draft) -> Iterator[Problem]:
-    """Yield problems of quiet gas. It needs a disc or a periodic plane, isothermal gas and reconstructed velocities."""
+    """Yield problems of quiet gas.
+
+    Quiet gas needs a disc or a periodic plane, isothermal gas and reconstructed velocities.
+    """
     gas, where = draft.gas, ("gas", "quiet")
     if gas.quiet is None:
         return
@@ -241,7 +244,7 @@ class Effect(base.Effect):
             return out
 
         def part(first: int, last: int) -> None:
-            for within in blocks(first, last):
+            for within in block_slices(first, last):
                 energy, density = None if u is None else u[within], gas.density[within]
                 if gas.small is not None and energy is None:  # small dust has no pressure; u is per total mass
                     density = density * growth.gas_fraction(self.scene, gas, within)
@@ -253,9 +256,9 @@ class Effect(base.Effect):
     def predicted(self, state: State | base.View) -> tuple[np.ndarray, np.ndarray | None]:
         """Return velocity (n, d) and specific energy (n,) at the time of the positions, for viscosity and pressure.
 
-        `vel` and `u` of the gas lack the closing kick of the step. They are extrapolated with the mean rates of the
-        last kick, including drag and its heat, which makes the step second order. Cooling is computed as in the kick.
-        The energy is None for gas without an energy equation.
+        `vel` and `u` of the gas lack the closing kick of the step. These arrays are extrapolated with the mean rates
+        of the last kick, including drag and its heat, which makes the step second order. Cooling is computed as in
+        the kick. The energy is None for gas without an energy equation.
         """
         gas, vel = state.gas, state.gas.vel
         if gas.kick_acc is not None:

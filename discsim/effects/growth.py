@@ -52,7 +52,7 @@ STEPS_BETWEEN_CALLS = 6  # typical number of steps between two applications
 GRAIN_COST, PAIR_COST, PASSES = 1000.0, 6.0, 4
 
 
-def _default(length: str) -> BeforeValidator:
+def _default_length(length: str) -> BeforeValidator:
     """Return a validator that gives a key the default `length` in scenes with physical units."""
 
     def fill(value: Any, info: ValidationInfo) -> Any:
@@ -70,12 +70,12 @@ class Keys(Table):
     alpha: Annotated[Number | None, Default("same as alpha_viscosity")] = Field(
         None, ge=0, description="alpha of the turbulence that sets collision velocities and settling"
     )
-    small_size: Annotated[Length | None, _default("1 um"), Default('"1 um"; required in code units')] = Field(
+    small_size: Annotated[Length | None, _default_length("1 um"), Default('"1 um"; required in code units')] = Field(
         None, gt=0, validate_default=True, description="a_*: size below which dust is small dust, carried by the gas"
     )
-    smallest: Annotated[Length | None, _default("5e-3 um"), Default('"5e-3 um"; in code units small_size / 200')] = (
-        Field(None, gt=0, validate_default=True, description="a_min in the size distribution n(a) ~ a^-3.5")
-    )
+    smallest: Annotated[
+        Length | None, _default_length("5e-3 um"), Default('"5e-3 um"; in code units small_size / 200')
+    ] = Field(None, gt=0, validate_default=True, description="a_min in the size distribution n(a) ~ a^-3.5")
     small_ratio: Annotated[Number | None, Default("dust.ratio: all dust")] = Field(
         None, ge=0, description="initial mass ratio of small dust to gas, included in dust.ratio"
     )
@@ -158,7 +158,7 @@ class Effect(base.Effect):
     def __init__(self, scene: Scene, state: State) -> None:
         self.scene = scene
         self.sph = smoothing.Sph(scene)
-        self.mass_includes_small = growth.small_dust_in_mass(scene)
+        self.mass_includes_small = growth.gas_mass_includes_small_dust(scene)
         law, (dust,), own = SceneLaw(scene), scene.dust or (), scene.table("growth")
         all_dust = float(state.dust.mass.sum() + state.gas.small.sum())
         self.grains = kernels.Grains(
@@ -170,7 +170,7 @@ class Effect(base.Effect):
 
     @classmethod
     def report(cls, scene: Scene, at: base.GasSamples) -> base.Report:
-        return base.Report(_rows(scene, at), _warnings(scene, at))
+        return base.Report(_growth_rows(scene, at), _growth_warnings(scene, at))
 
     @classmethod
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
@@ -247,9 +247,9 @@ class Effect(base.Effect):
     def _exchange_mass(self, state: State, met: GasDustNeighbours, field: np.ndarray, wanted: np.ndarray) -> None:
         """Exchange mass between dust particles and the small dust of the gas around them.
 
-        met: gas and dust neighbours. field: result of `_surroundings`. wanted (n,): mass that each dust particle should
-        gain; it gains less if the gas around it has too little small dust. Changes masses and velocities of the dust
-        and, with two-way drag, of the gas.
+        met: gas and dust neighbours. field: result of `_surroundings`. wanted (n,): mass that each dust particle
+        should gain; a particle gains less if the gas around it has too little small dust. Changes masses and
+        velocities of the dust and, with two-way drag, of the gas.
         """
         gas, dust, own = state.gas, state.dust, met.gas.local_rows
         taken, spread = np.empty((2, len(met.pos)))
@@ -281,7 +281,7 @@ class Effect(base.Effect):
         gas.mass[:] = after
 
 
-def _rows(scene: Scene, at: base.GasSamples) -> Iterator[tuple[str, str]]:
+def _growth_rows(scene: Scene, at: base.GasSamples) -> Iterator[tuple[str, str]]:
     """Yield (name, text) of the growth limits and times."""
     found = growth.limits(scene, at)
     if found is None:
@@ -294,7 +294,7 @@ def _rows(scene: Scene, at: base.GasSamples) -> Iterator[tuple[str, str]]:
     yield "growth time of settled grains", ", ".join(times)
 
 
-def _warnings(scene: Scene, at: base.GasSamples) -> Iterator[str]:
+def _growth_warnings(scene: Scene, at: base.GasSamples) -> Iterator[str]:
     """Yield a warning of initial sizes above the fragmentation limit."""
     found, (dust,) = growth.limits(scene, at), scene.dust or ()
     if found is not None and dust.grain_size > found.fragmentation.max() > 0.0:

@@ -87,7 +87,7 @@ class Rings(NamedTuple):
 
 
 class QuietPlane:
-    """Reduction of the pressure of quiet gas in a periodic plane, eq. (5)."""
+    """Pressure for the forces between particles of quiet gas in a periodic plane, reduced by eq. (5)."""
 
     def __init__(self, scene: Scene) -> None:
         self.keys, self.area = scene.gas.quiet, float(np.prod(scene.space.size))
@@ -107,8 +107,8 @@ class QuietPlane:
 class QuietDisc:
     """Densities and mean pressures of rings for quiet gas in a disc, eqs. (1) to (4).
 
-    reference: radius with the ring coordinate 0. width: width of a ring at this radius over the radius. flaring:
-    exponent in H / r ~ r^flaring.
+    reference: radius with the ring coordinate 0. width: width of a ring at the radius `reference`, divided by
+    `reference`. flaring: exponent in H / r ~ r^flaring.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -137,7 +137,10 @@ class QuietDisc:
         gas.pressure *= correction
 
     def _advance_density(self, state: View, sph: Sph) -> None:
-        """Advance `gas.followed`, the density of eq. (1), to the time of the state, and scale `gas.pressure` to it."""
+        """Advance `gas.followed`, the density of eq. (1), to the time of the state.
+
+        `gas.pressure` is rescaled in proportion to this density.
+        """
         gas = state.gas
         away = np.sqrt((state.from_centre(gas.pos) ** 2).sum(axis=1))
         parallel_for(

@@ -220,7 +220,7 @@ class Effect(base.Effect):
                 monopole = monopole or self._monopole()
                 acceleration = monopole.acceleration(particles.pos[outside])
                 particles.acc[outside] += acceleration
-                strongest = max(strongest, float(_length(acceleration).max()))
+                strongest = max(strongest, float(_vector_lengths(acceleration).max()))
             self.outside += missing
             largest[name] = strongest
         return largest
@@ -276,17 +276,17 @@ class _Monopole(NamedTuple):
 
     def potential(self, pos: Array) -> Array:
         """Return the potential (n,) at the positions `pos` (n, d)."""
-        return self.mass * self.kernel.potential(_length(self._separation(pos)))
+        return self.mass * self.kernel.potential(_vector_lengths(self._separation(pos)))
 
     def acceleration(self, pos: Array) -> Array:
         """Return the acceleration (n, d) at the positions `pos` (n, d)."""
         separation = self._separation(pos)
-        return -self.mass * self.kernel.pull(_length(separation))[:, None] * separation
+        return -self.mass * self.kernel.pull(_vector_lengths(separation))[:, None] * separation
 
     def _separation(self, pos: Array) -> Array:
         return pos - self.centre[: pos.shape[1]]
 
 
-def _length(vectors: Array) -> Array:
+def _vector_lengths(vectors: Array) -> Array:
     """Return the lengths (n,) of vectors (n, d)."""
     return np.sqrt((vectors**2).sum(axis=1))

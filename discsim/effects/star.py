@@ -148,7 +148,7 @@ class Effect(base.Effect):
         """
         bodies, star = view.bodies, (view.star_pull, self.star.softening, *view.star_place)
         both, counted = view.species, self.counted if view.bodies is not None else []
-        first = {name for name in both if view.is_first(f"{name}.acc")}
+        first = {name for name in both if view.is_unset(f"{name}.acc")}
         for name, p in both.items():
             if name not in counted:
                 parallel_for(kernels.attract, p.count, p.pos, p.acc, name in first, *star, light=True)
@@ -192,7 +192,7 @@ class Effect(base.Effect):
                     vectors[~p.immobile] += moved
 
     def event(self, state: State) -> dict[str, float]:
-        """Accrete particles, and return by species the smallest squared distance from the star of the remaining ones.
+        """Accrete particles, and return by species the smallest squared distance of a remaining particle from the star.
 
         The result has no entry for a species whose distances may have changed or were not computed.
         """

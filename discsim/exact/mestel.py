@@ -3,8 +3,8 @@
     Sigma = M arccos(r/a) / (2 pi a r),    M(r) = M [x arccos x + 1 - sqrt(1 - x^2)], x = r/a          (1)
 
 In its plane the rotation curve is flat: a_r = -pi M / (2 a r) (Lynden-Bell & Pineault 1978; G = 1). The disc is a sum
-of discs m / [2 pi b sqrt(b^2 - r^2)] with equal masses m in equal ranges of b < a. The field of each of these is that
-of a line of masses at the imaginary heights t < b: Phi = -(M/a) int_0^a ln(a/t) Re[r^2 + (z + it)^2]^(-1/2) dt.
+of discs m / [2 pi b sqrt(b^2 - r^2)] with equal masses m in equal ranges of b < a. The field of such a disc is that of
+a line of masses at the imaginary heights t < b: Phi = -(M/a) int_0^a ln(a/t) Re[r^2 + (z + it)^2]^(-1/2) dt.
 Integration by parts, with w = z + ia and s = sqrt(r^2 + z^2), gives
 
     a_r = -(M / a r) {Im arsinh(w/r) - (z/s) arg[s sqrt(r^2 + w^2) + r^2 + z w]}                       (2)

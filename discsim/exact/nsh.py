@@ -24,12 +24,9 @@ are
     dust   azimuth   (W - St_j V / 2 - St_j^2 f_j / 2) / (1 + St_j^2)    (8)
 
 Equations (1) to (8) are linear in eta. `drift_about_circular_orbits` keeps the full centrifugal forces. Gas without
-dust
-is on a circle of speed v_g = v_K (1 - 2 eta)^(1/2). With velocities (V, v_g + W) of the gas and (v_j, v_g + w_j)
-of the
-dust, their frequencies Omega_c = (v_g + W) / r and Omega_j = (v_g + w_j) / r, and the radial accelerations
-F_j = (v_K^2 - v_g^2) / r -
-Omega f_j,
+dust is on a circle of speed v_g = v_K (1 - 2 eta)^(1/2). The gas has the velocity (V, v_g + W) and the frequency
+Omega_c = (v_g + W) / r, and the dust the velocity (v_j, v_g + w_j) and the frequency Omega_j = (v_g + w_j) / r. With
+the radial accelerations F_j = (v_K^2 - v_g^2) / r - Omega f_j,
 
     (2 v_g + W) W / r   = sum_j eps_j (V - v_j) / t_j,    Omega_c V / 2   = sum_j eps_j (w_j - W) / t_j          (9)
     (2 v_g + w_j) w_j / r = F_j + (v_j - V) / t_j,        Omega_j v_j / 2 = -(w_j - W) / t_j                     (10)

@@ -58,12 +58,14 @@ def solution(
     ValueError
         If the two sides separate and leave a vacuum.
     """
-    pressure = _root(
-        lambda p: _change(p, left, gamma) + _change(p, right, gamma) + right[2] - left[2],
+    pressure = _find_root(
+        lambda p: _velocity_change(p, left, gamma) + _velocity_change(p, right, gamma) + right[2] - left[2],
         left[1],
         right[1],
     )
-    velocity = 0.5 * (left[2] + right[2] + _change(pressure, right, gamma) - _change(pressure, left, gamma))
+    velocity = 0.5 * (
+        left[2] + right[2] + _velocity_change(pressure, right, gamma) - _velocity_change(pressure, left, gamma)
+    )
     speed = np.asarray(x, dtype=float) / time
     # The right side is a mirror image of the left side.
     west = _left_of_contact(speed, left, pressure, velocity, gamma)
@@ -109,7 +111,7 @@ def isothermal_solution(
         shock = (density - side) / np.sqrt(density * side)
         return c * (shock if density > side else np.log(density / side))
 
-    star = _root(lambda r: jump(r, left[0]) + jump(r, right[0]) + right[1] - left[1], left[0], right[0])
+    star = _find_root(lambda r: jump(r, left[0]) + jump(r, right[0]) + right[1] - left[1], left[0], right[0])
     velocity = 0.5 * (left[1] + right[1] + jump(star, right[0]) - jump(star, left[0]))
     speed = np.asarray(x, dtype=float) / time
     west = _isothermal_left_of_contact(speed, left[0], left[1], star, velocity, c)
@@ -118,7 +120,7 @@ def isothermal_solution(
     return Flow(density, np.where(speed < velocity, west[1], -mirrored[1]), c**2 * density)
 
 
-def _root(balance: Callable[[float], float], left: float, right: float) -> float:
+def _find_root(balance: Callable[[float], float], left: float, right: float) -> float:
     """Return the zero of the rising function `balance`; `left` and `right` are the first bracket.
 
     Raises ValueError if there is no zero above 0, as for states that separate.
@@ -133,7 +135,7 @@ def _root(balance: Callable[[float], float], left: float, right: float) -> float
     return float(brentq(balance, low, high, xtol=1e-300, rtol=1e-15)) if high > low else low
 
 
-def _change(p: float, side: tuple[float, float, float], gamma: float) -> float:
+def _velocity_change(p: float, side: tuple[float, float, float], gamma: float) -> float:
     """Return f_s(p), eqs. (4.6) and (4.7)."""
     density, pressure, _ = side
     if p > pressure:

@@ -29,7 +29,7 @@ Array = np.ndarray
 INNERMOST = 1e-3  # x below which V/x and Q are constant, and G falls as x^(2/(gamma - 1))
 
 
-class Blast(NamedTuple):
+class BlastProfile(NamedTuple):
     """Density, velocity and pressure at the requested radii."""
 
     density: Array
@@ -81,7 +81,7 @@ def arrival_time(radius: float, energy: float = 1.0, density: float = 1.0, gamma
     return radius**2 * (alpha(gamma) * density / energy) ** 0.5
 
 
-def solution(radius: Array, time: float, energy: float = 1.0, density: float = 1.0, gamma: float = 1.4) -> Blast:
+def solution(radius: Array, time: float, energy: float = 1.0, density: float = 1.0, gamma: float = 1.4) -> BlastProfile:
     """Return the blast wave at a time; the gas ahead of the shock is at rest without pressure.
 
     Parameters
@@ -99,7 +99,7 @@ def solution(radius: Array, time: float, energy: float = 1.0, density: float = 1
 
     Returns
     -------
-    Blast
+    BlastProfile
         Density, radial velocity and pressure (n,).
     """
     front = shock_radius(time, energy, density, gamma)
@@ -107,7 +107,7 @@ def solution(radius: Array, time: float, energy: float = 1.0, density: float = 1
     x = np.asarray(radius, dtype=float) / front
     speeds, densities, pressures = similarity(np.minimum(x, 1.0), gamma)
     behind = x <= 1.0
-    return Blast(
+    return BlastProfile(
         density * np.where(behind, densities, 1.0),
         speed * np.where(behind, speeds, 0.0),
         density * speed**2 * np.where(behind, pressures, 0.0),

@@ -18,11 +18,12 @@ Array = np.ndarray
 SMALLEST = 1e-200  # lower bound of r^2 + s^2, which keeps eq. (1) finite at the centre
 
 
-def central(about: str, eccentricities: Iterable[float]) -> Array:
-    """Return whether each body is part of the central mass (n,): first the star, then the companions.
+def central_flags(about: str, eccentricities: Iterable[float]) -> Array:
+    """Return flags (n,), for the star and then for the companions: whether the body is part of the central mass.
 
-    about: centre of the disc, "star" or "barycentre". The star is always part of the central mass; companions with an
-    eccentricity below 1 are part of it only in a disc about the barycentre. eccentricities: of the companions.
+    about: centre of the disc, "star" or "barycentre". The star is always part of the central mass; companions with
+    an eccentricity below 1 are part of it only in a disc about the barycentre. eccentricities: eccentricity of each
+    companion.
     """
     return np.array([True, *(about == "barycentre" and e < 1.0 for e in eccentricities)])
 

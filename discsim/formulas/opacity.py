@@ -6,9 +6,9 @@
                                                       bound-free, free-free   1.5e20 rho T^(-5/2)
                                                       electron scattering     0.348
 
-Each regime begins at the temperature at which its opacity equals that of the regime before. If kappa has a peak where
-two regimes cross, it is the smaller of their opacities, and if it has a valley, the larger. kappa is thus continuous
-for any rho.
+Each regime begins at the temperature at which its opacity equals that of the regime before. If kappa has a peak
+where two regimes cross, kappa is the smaller of their opacities; if kappa has a valley, it is the larger. kappa is
+thus continuous for any rho.
 """
 
 BELL_LIN = (

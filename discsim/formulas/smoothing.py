@@ -6,7 +6,7 @@ import math
 from typing import NamedTuple
 
 
-class Smoothing(NamedTuple):
+class KernelConstants(NamedTuple):
     """Constants of a smoothing kernel; pairs of numbers are for one and for two dimensions.
 
     Attributes
@@ -53,19 +53,19 @@ SQUEEZED_Q = QUINTIC_Q[0] / 3, QUINTIC_Q[1] / 9
 QUINTIC_W = (2.10, 1.88)
 QUIET = "wendland-c4"  # default kernel of quiet gas: the error of the mean force is 1% (analysis/noise.py)
 SMOOTHING = {
-    "cubic": Smoothing(
+    "cubic": KernelConstants(
         2.0, 1.0, (2.0 / 3.0, 10.0 / (7.0 * math.pi)), (2.0, 1.345), (0.667, 0.675), CUBIC_Q, (2.62, 2.37), 0.032
     ),
-    "quintic": Smoothing(
+    "quintic": KernelConstants(
         3.0, 1.0, (1.0 / 120.0, 7.0 / (478.0 * math.pi)), (2.0, 1.1), (0.55, 0.555), QUINTIC_Q, QUINTIC_W, 0.034
     ),
-    "quintic-h": Smoothing(
+    "quintic-h": KernelConstants(
         1.0, 3.0, (3.0 / 120.0, 63.0 / (478.0 * math.pi)), (6.0, 3.3), (1.65, 1.665), SQUEEZED_Q, QUINTIC_W, 0.034
     ),
-    "wendland-c2": Smoothing(
+    "wendland-c2": KernelConstants(
         2.0, 1.0, (0.625, 7.0 / (4.0 * math.pi)), (2.0, 1.7), (0.625, 0.747), WENDLAND_C2_Q, (2.27, 2.49), 0.014
     ),
-    "wendland-c4": Smoothing(
+    "wendland-c4": KernelConstants(
         2.0, 1.0, (0.75, 9.0 / (4.0 * math.pi)), (2.0, 1.7), (0.75, 0.847), WENDLAND_C4_Q, (2.90, 2.84), 0.021
     ),
 }

@@ -85,10 +85,10 @@ def _with_grain_sizes(scene: Scene, arrays: ParticleArrays) -> ParticleArrays:
 def _with_small_dust(scene: Scene, arrays: ParticleArrays) -> ParticleArrays:
     """Return the particle arrays with a part of the dust mass moved to gas particles, as their array `small` (n,).
 
-    This part is small_ratio / dust.ratio. It goes to gas between the radii of the dust, in proportion to the
-    dust-to-gas ratio of the start at each radius. At least the fraction SEED of the dust mass stays, because dust
-    particles need a mass. The total mass of dust is conserved.
-    Arrays from a snapshot are returned unchanged: they already contain `small`.
+    The fraction small_ratio / dust.ratio of the dust mass is moved, to gas between the radii of the dust, in
+    proportion to the dust-to-gas ratio of the start at each radius. At least the fraction SEED of the dust mass
+    stays, because dust particles need a mass. The total mass of dust is conserved. Arrays from a snapshot are
+    returned unchanged: they already contain `small`.
     """
     gas, dust, start = arrays["gas"], arrays["dust"], start_of(scene)
     if start.restore is not None:
@@ -104,7 +104,7 @@ def _with_small_dust(scene: Scene, arrays: ParticleArrays) -> ParticleArrays:
     left = max(1.0 - growth.small_ratio(scene) / population.ratio, growth.SEED)
     gas = gas | {"small": weight * ((1.0 - left) * dust["mass"].sum() / weight.sum())}
     return arrays | {
-        "gas": add_small_dust(gas) if growth.small_dust_in_mass(scene) else gas,
+        "gas": add_small_dust(gas) if growth.gas_mass_includes_small_dust(scene) else gas,
         "dust": dust | {"mass": left * dust["mass"]},
     }
 
@@ -188,7 +188,9 @@ def _make_gas(scene: Scene, given: dict[str, Any]) -> Gas:
         u = np.array(u, float)
     else:
         u = initial_energy(scene, radius(common["pos"]))
-        if small is not None and growth.small_dust_in_mass(scene):  # u is per total mass, but only gas holds heat
+        if small is not None and growth.gas_mass_includes_small_dust(
+            scene
+        ):  # u is per total mass, but only gas holds heat
             u = u * (1.0 - small / common["mass"])
     if scene.gas.smoothing_length is not None:
         h = np.full(n, scene.gas.smoothing_length)

@@ -82,7 +82,7 @@ class Equilibrium:
     def __init__(self, state: State, effects: dict[str, Any]) -> None:
         self.scene, self.effects = state.scene, effects
         self.gravity = mean_gravity(state, effects)
-        self.has_small_dust = "growth" in effects and growth.small_dust_in_mass(state.scene)
+        self.has_small_dust = "growth" in effects and growth.gas_mass_includes_small_dust(state.scene)
         self.drifts = "drag" in effects and getattr(self.scene.initial, "dust_velocity", None) != "balance"
 
     def velocities(
@@ -213,7 +213,7 @@ def settle(state: State, effects: dict[str, Any]) -> None:
 def _check_orbits(equilibrium: Equilibrium, name: str, particles: Any) -> None:
     """Raise ValueError if more than the mass fraction `support.MAX_FALLING` of `particles` has no circular orbit.
 
-    name: name of their species, for the message.
+    name: name of the species, for the message.
     """
     r = np.sqrt((particles.pos**2).sum(axis=1))
     pull = equilibrium.gravity(r)
@@ -233,7 +233,8 @@ def _check_orbits(equilibrium: Equilibrium, name: str, particles: Any) -> None:
 def viscous_inflow(scene: Scene, disc: profile.Radial, r: Array) -> Array:
     """Return the radial velocity (n,) of gas that viscosity drives, at the radii r (n,) of the disc.
 
-    Unless the disc sets this velocity itself, it is limited to MAX_MACH c_s; else it would diverge at the edges.
+    Unless the disc sets this velocity itself, the velocity is limited to MAX_MACH c_s, as it would diverge at the
+    edges.
     """
     if disc.inflow is not None:
         return disc.inflow(r)

@@ -90,9 +90,9 @@ def _make_species(
 def place_on_rings(r: Array, number: Array, stream: np.random.Generator) -> tuple[Array, Array]:
     """Return the radii and angles (n,) of particles on rings, whose spacing along a ring equals that between rings.
 
-    r (m,): increasing radii. number (m,): number of particles within each of these radii. A ring has the particles
-    between two values of `number`, and the radius that halves their number. Its particles are evenly spaced, and the
-    angle of the first one is random.
+    r (m,): increasing radii. number (m,): number of particles within each of these radii. A ring contains the
+    particles in a range of `number`, and its radius is that of the middle of this range. The particles of a ring are
+    evenly spaced, and the angle of the first one is random.
     """
     count = round(number[-1])
     per_area = np.gradient(number, r) / (2.0 * np.pi * r)
@@ -111,8 +111,8 @@ def place_on_rings(r: Array, number: Array, stream: np.random.Generator) -> tupl
 def ring_masses(radius: Array, mass: Array) -> Array:
     """Return the masses (n,) of particles on rings, equal for all particles of a ring.
 
-    radius (n,): radii of the particles in rising order. mass (n + 1,): the k-th entry is the mass of the disc inside
-    which there are k particles.
+    radius (n,): radii of the particles in rising order. mass (n + 1,): entry k is the mass of the disc that the k
+    innermost particles represent.
     """
     first = np.flatnonzero(np.diff(radius, prepend=-1.0) > 0.0)
     ends = np.append(first, len(radius))

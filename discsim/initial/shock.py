@@ -111,7 +111,8 @@ def sample_all_gas(scene: Scene) -> tuple[SamplePoints, Array]:
 def measure(scene: Scene) -> ErrorMeasure | None:
     """Return the `ErrorMeasure` of particle velocities; None if the scene has no exact solution.
 
-    An exact solution needs gas with an energy equation. With dust, it needs one population and two-way drag.
+    An exact solution needs gas with an energy equation. With dust, the solution needs one population and two-way
+    drag.
     """
     if scene.gas is None or not eos_of(scene).holds_heat or len(scene.dust or ()) > 1:
         return None

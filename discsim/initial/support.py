@@ -86,7 +86,7 @@ def _support_of_gas(scene: Scene) -> Support:
     if scene.self_gravity is not None:
         pull = pull + SELF_GRAVITY_FACTOR * disc.mass_within(r) / (r * r)
     ratio = disc.pressure_acceleration(r) / pull
-    if scene.table("growth") is not None and growth.small_dust_in_mass(scene):
+    if scene.table("growth") is not None and growth.gas_mass_includes_small_dust(scene):
         ratio = ratio / (1.0 + growth.small_ratio_at(scene, r, disc.dust_share))
     aspect = profile.initial_thermal_speed(scene, r, density) / np.sqrt(pull * r)
     weight = r * density
@@ -173,7 +173,8 @@ def warnings(scene: Scene) -> Iterator[str]:
         where = scene.units.show(found.radius[at], "length")
         yield (
             f"the gas rotates at {speed[at]:.2f} times the Keplerian velocity at {where}, below {SLOW_ROTATION:g}, "
-            f"where the pressure falls steeply: estimates for thin discs have errors of this size; {_remedy(scene)}"
+            "where the pressure falls steeply: estimates for thin discs have errors of this size; "
+            f"{_pressure_remedy(scene)}"
         )
     if scene.model.given is not None:
         with np.errstate(all="ignore"):
@@ -182,16 +183,16 @@ def warnings(scene: Scene) -> Iterator[str]:
             ends = (scene.units.show(found.radius[i], "length") for i in (falls[0], falls[-1] + 1))
             yield (
                 f"the angular momentum of the given gas falls outwards between {' and '.join(ends)}: such a disc "
-                f"is unstable (Rayleigh's criterion), and dust has no steady drift there; {_remedy(scene)}"
+                f"is unstable (Rayleigh's criterion), and dust has no steady drift there; {_pressure_remedy(scene)}"
             )
 
 
 def _steepening_features(scene: Scene) -> list[str]:
-    """Return which of the optional tables "gap" and "bump" of [background] the scene has; they steepen the pressure."""
+    """Return which of the tables "gap" and "bump" of [background], which steepen the pressure, the scene has."""
     return [name for name in ("gap", "bump") if getattr(scene.background, name, None) is not None]
 
 
-def _remedy(scene: Scene) -> str:
+def _pressure_remedy(scene: Scene) -> str:
     """Return the advice that ends the warnings: how to make the pressure less steep."""
     wider = [f"widen background.{name}" for name in _steepening_features(scene)]
     return (

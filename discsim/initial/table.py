@@ -139,7 +139,7 @@ def warnings(scene: Scene) -> Iterator[str]:
     if gas is None or not file.has("T") or getattr(gas.eos, "aspect_ratio", None) is None or scene.star is None:
         return
     r = file.values["r"]
-    of_scene = eos_of(scene).scene_speed(scene, r)
+    of_scene = eos_of(scene).table_thermal_speed(scene, r)
     ratio = thermal_speed(scene, r) / of_scene
     worst = int(np.argmax(np.abs(np.log(ratio))))
     if abs(ratio[worst] - 1.0) > MAX_DIFFERENCE:

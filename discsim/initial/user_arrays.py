@@ -15,7 +15,7 @@ from discsim.initial import SPECIES, ParticleArrays
 from discsim.parts import Lazy
 from discsim.physics.eos import eos_of
 from discsim.physics.grains import has_individual_sizes
-from discsim.scene import SceneError, near, tomltext
+from discsim.scene import SceneError, nearest_hint, tomltext
 from discsim.scene.fields import shown
 from discsim.scene.units import UnitError
 
@@ -49,7 +49,7 @@ def read_arrays(scene: Scene, particles: Any) -> ParticleArrays:
         raise SceneError(
             [f"particles: {_type_text(particles)} is not a dict; expected arrays by species: {_quoted(SPECIES)}"]
         )
-    problems = [f"particles: {shown(name)} is unknown; expected {_quoted(SPECIES)}{near(str(name), SPECIES)}"
+    problems = [f"particles: {shown(name)} is unknown; expected {_quoted(SPECIES)}{nearest_hint(str(name), SPECIES)}"
                 for name in particles if name not in SPECIES]  # fmt: skip
     arrays: ParticleArrays = {}
     for name in SPECIES:
@@ -98,7 +98,7 @@ def _read_species(scene: Scene, name: str, given: Any) -> tuple[dict[str, Array]
         return {}, [f"is {_type_text(given)}; expected a dict with the arrays {_quoted(REQUIRED_ARRAYS)}"]
     given = {key: values for key, values in given.items() if values is not None}
     known = KNOWN_ARRAYS[name]
-    faults = [f"has an unknown array {shown(key)}; expected {_quoted(known)}{near(str(key), known)}"
+    faults = [f"has an unknown array {shown(key)}; expected {_quoted(known)}{nearest_hint(str(key), known)}"
               for key in given if key not in known]  # fmt: skip
     faults += [f"{key} is missing{why}" for key, why in _missing_arrays(scene, name, given)]
     if "u" in given and name == "gas" and not eos_of(scene).holds_heat:
@@ -152,17 +152,17 @@ def _read_array(scene: Scene, name: str, key: str, values: Any, count: int | Non
         expected = ", ".join(map(str, ("n" if count is None else count, *ends)))
         raise _ArrayError(f" has shape {array.shape}; expected ({expected}{'' if ends else ','})")
     if key == "immobile":
-        return _require(array, (array == 0) | (array == 1), "true or false").astype(bool)
+        return _require_valid(array, (array == 0) | (array == 1), "true or false").astype(bool)
     if key == "species":
         last = len(scene.dust) - 1
         valid = (array >= 0) & (array <= last) & (array == np.floor(array))
-        return _require(array, valid, f"a population of the scene, 0 to {last}").astype(np.int64)
-    _require(array, np.isfinite(array), "a finite number")
+        return _require_valid(array, valid, f"a population of the scene, 0 to {last}").astype(np.int64)
+    _require_valid(array, np.isfinite(array), "a finite number")
     if key in POSITIVE:
-        _require(array, array > 0.0, "a positive number")
+        _require_valid(array, array > 0.0, "a positive number")
     if key in NOT_NEGATIVE:
-        _require(array, array >= 0.0, "0 or a positive number")
-    _require(array, np.abs(array) < LARGEST, f"less than {LARGEST:g} code units")
+        _require_valid(array, array >= 0.0, "0 or a positive number")
+    _require_valid(array, np.abs(array) < LARGEST, f"less than {LARGEST:g} code units")
     if key == "pos" and scene.space.boundary == "periodic":
         size = np.array(scene.space.size)
         array %= size
@@ -188,7 +188,7 @@ def _to_numbers(scene: Scene, key: str, values: Any) -> Array:
         raise _ArrayError(f": {_type_text(values)} cannot be read as an array of numbers") from None
 
 
-def _require(array: Array, valid: Array, expected: str) -> Array:
+def _require_valid(array: Array, valid: Array, expected: str) -> Array:
     """Return `array` if all entries of the mask `valid` are True. Raises _ArrayError for the first invalid entry.
 
     expected: description of valid entries, for the message.
@@ -202,7 +202,7 @@ def _require(array: Array, valid: Array, expected: str) -> Array:
 def _problems_between_arrays(scene: Scene, name: str, arrays: dict[str, Array]) -> Iterator[str]:
     """Yield problems of the arrays of a species that a single array does not show.
 
-    If `arrays` of dust have no `species`, it is added, with zeros.
+    If `arrays` of dust have no array `species`, an array of zeros is added.
     """
     if name == "gas":
         mass = arrays["mass"]
@@ -212,7 +212,7 @@ def _problems_between_arrays(scene: Scene, name: str, arrays: dict[str, Array]) 
                 f"mass[{heavy}] is {mass[heavy] / mass[light]:.3g} times mass[{light}]; expected at most "
                 f"{MAX_MASS_RATIO:g} times, for accurate SPH sums"
             )
-        if "small" in arrays and growth.small_dust_in_mass(scene):
+        if "small" in arrays and growth.gas_mass_includes_small_dust(scene):
             excess = arrays["small"] - mass
             if excess.max() >= 0.0:
                 i = int(excess.argmax())

@@ -71,7 +71,7 @@ def radial(scene: Scene) -> profile.Radial:
 
 
 def sample_points(scene: Scene) -> SamplePoints:
-    """Return sample points at the ring's radius, and on both sides of it where Sigma is about half as large."""
+    """Return sample points at the ring's radius, and at two other radii where Sigma is about half as large."""
     start: Any = scene.initial
     radius = start.radius * np.clip(1.0 + np.array([-0.8, 0.0, 0.8]) * start.tau**0.5, 0.2, None)
     names = [scene.units.show(r, "length") for r in radius]

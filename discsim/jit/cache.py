@@ -68,7 +68,7 @@ def kernel_folder() -> Path:
     Raises
     ------
     CacheError
-        If none of them can be written.
+        If none of these directories can be written.
     """
     given = [Path(config.CACHE_DIR)] if config.CACHE_DIR else []
     for parent in (*given, PACKAGE / "__pycache__", platformdirs.user_cache_path("discsim")):

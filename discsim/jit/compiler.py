@@ -21,14 +21,14 @@ from numba.core.untyped_passes import InlineInlinables, IRProcessing
 
 
 def _to_single(value):
-    """Return a value with floats, also those in tuples, converted to single precision."""
+    """Return `value` with all its floats, also inside tuples, converted to single precision."""
     if isinstance(value, tuple):
         return tuple(_to_single(one) for one in value)
     return np.float32(value) if isinstance(value, float) else value
 
 
 def _has_single(kind):
-    """Return whether a numba type is a single-precision number, an array of such, or a tuple that contains either."""
+    """Return whether a numba type is a single-precision number, or an array or tuple that contains such numbers."""
     if hasattr(kind, "types"):  # the types of the entries of a tuple
         return any(_has_single(one) for one in kind.types)
     return getattr(kind, "dtype", kind) == types.float32
@@ -64,7 +64,7 @@ class FoldArguments(FunctionPass):
 
 @register_pass(mutates_CFG=False, analysis_only=False)
 class SingleConstants(FunctionPass):
-    """Compiler pass that converts constants to single precision, also in inlined functions, if an argument has it."""
+    """Compiler pass that converts constants to single precision if an argument has it, also in inlined functions."""
 
     _name = "single_constants"
 

@@ -19,7 +19,7 @@ def bounds_of(pos: Array) -> Array:
 
 
 def update_bounds(bounds: Array, pos: Array, rows: Array) -> Array:
-    """Return the bounding boxes of `pos`, as `bounds_of`, from `bounds`, those of earlier positions.
+    """Return the bounding boxes of `pos`, as `bounds_of`, from `bounds`, the boxes of earlier positions.
 
     rows: rows whose positions have changed since. The number of positions may have changed too.
     """

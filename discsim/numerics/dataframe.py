@@ -16,8 +16,9 @@ AXES = "xy"
 def dataframe_of(arrays: Mapping[str, np.ndarray]) -> Any:
     """Return a pandas DataFrame with copies of particle arrays, and the array `ids` as its index.
 
-    arrays: arrays (n,) or (n, dimensions) by name. The components of pos, vel and acc become the columns x, y, vx, vy,
-    ax, ay; those of any other vector become name_x and name_y. Raises ImportError if pandas is not installed.
+    arrays: arrays (n,) or (n, dimensions) by name. The components of pos, vel and acc become the columns x, y, vx,
+    vy, ax, ay; the components of any other vector become name_x and name_y. Raises ImportError if pandas is not
+    installed.
     """
     try:
         import pandas

@@ -69,22 +69,24 @@ def check_ranges(species: str, arrays: Mapping[str, Array], populations: int = 0
     arrays: arrays by name. populations: number of dust populations. Raises EntryError at the first fault.
     """
     for name in POSITIVE.get(species, ()):
-        _check(species, name, arrays, lambda array: array > 0.0, "a positive number")
+        _check_entries(species, name, arrays, lambda array: array > 0.0, "a positive number")
     for name in NOT_NEGATIVE.get(species, ()):
-        _check(species, name, arrays, lambda array: array >= 0.0, "0 or a positive number")
+        _check_entries(species, name, arrays, lambda array: array >= 0.0, "0 or a positive number")
     last = populations - 1
-    _check(species, "species", arrays, lambda k: (k >= 0) & (k <= last), f"a population of the scene, 0 to {last}")
-    _check(species, "begun", arrays, lambda begun: begun <= time, f"at most the time of the state, {time:g}")
+    _check_entries(
+        species, "species", arrays, lambda k: (k >= 0) & (k <= last), f"a population of the scene, 0 to {last}"
+    )
+    _check_entries(species, "begun", arrays, lambda begun: begun <= time, f"at most the time of the state, {time:g}")
 
 
 def check_finite(species: str, arrays: Mapping[str, Array]) -> None:
     """Raise EntryError unless all floating-point numbers in `arrays` are finite; species: a name for messages."""
     for name, array in arrays.items():
         if array.dtype.kind == "f":
-            _check(species, name, arrays, np.isfinite, "a finite number")
+            _check_entries(species, name, arrays, np.isfinite, "a finite number")
 
 
-def _check(
+def _check_entries(
     species: str, name: str, arrays: Mapping[str, Array], is_right: Callable[[Array], Array], expected: str
 ) -> None:
     """Raise EntryError at the first entry of arrays[name], if this array is present, for which `is_right` is False."""

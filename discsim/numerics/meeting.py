@@ -135,7 +135,7 @@ def _box_of_cells(*some: tuple[Grids, Array, Array]) -> tuple[Array, Array]:
 
 
 def _filled_cells(key: Array) -> Array:
-    """Return the numbers of the cells that contain particles, ascending; key (n,): cell number of each particle."""
+    """Return the indices of the cells that contain particles, ascending; key (n,): cell index of each particle."""
     return np.flatnonzero(np.bincount(key))
 
 
@@ -144,13 +144,13 @@ def _needed_cells(
 ) -> world.NeededCells:
     """Return the cells of a species whose particles this process needs.
 
-    They are the cells of local particles, and all cells within reach of local particles of the other species. grids,
-    key (m,): grids of the species, and cell numbers of its local particles. others, other_key (n,): the same of the
-    other species. reach_of: species whose support radius is the reach, halo.OWN or halo.THEIRS (`kernels/mpi/halo.py`).
-    flat: whether the scene is one-dimensional.
+    Needed are the cells of local particles, and all cells within reach of local particles of the other species.
+    grids, key (m,): grids of the species, and cell indices of its local particles. others, other_key (n,): grids and
+    cell indices of the other species. reach_of: species whose support radius is the reach, halo.OWN or halo.THEIRS
+    (`kernels/mpi/halo.py`). flat: whether the scene is one-dimensional.
     """
     away, periodic = grids.low - others.low, grids.periodic
     needed = halo.mark_cells(_filled_cells(other_key), others.table, away, grids.table, reach_of, 1.0, flat, periodic)
     needed[key] = True
-    numbers = grids.numbers()
+    numbers = grids.indices_in_whole()
     return world.NeededCells(needed, numbers, numbers + 1)

@@ -54,7 +54,7 @@ class Mesh:
     def solve(self, species: Mapping[str, Particles], sources: Iterable[str]) -> None:
         """Compute the potential of the species named in `sources`, at their present positions.
 
-        species: particles by name of the species; those that are not sources only feel the potential. Raises
+        species: particles by name of the species; species that are not sources only feel the potential. Raises
         ValueError, as `Poisson`.
         """
         parallel_for(moves.set_to_zero, len(self.density), self.density, least=64)
@@ -73,8 +73,8 @@ class Mesh:
     def pull(self, several: Iterable[tuple[Array, Array]]) -> list[tuple[float, int]]:
         """Add self-gravity to the accelerations of several species.
 
-        several: for each species its positions and its accelerations (n, d); the latter change in place. Return for
-        each species the largest acceleration by self-gravity, and the number of particles off the grid.
+        several: for each species its positions and its accelerations (n, d); the accelerations change in place.
+        Return for each species the largest acceleration by self-gravity, and the number of particles off the grid.
         """
         return self.grid.pull(self._gradient, several, self.first)
 

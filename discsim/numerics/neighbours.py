@@ -36,7 +36,7 @@ LEAST = 64  # least number of cells in a chunk
 
 
 class Grids(NamedTuple):
-    """Grids of particles, one grid for each size class, or parts of such grids (`near`).
+    """Grids of particles, one grid for each size class, or parts of such grids, which `near` returns.
 
     table (grids, 10): one row per grid, with the columns FIRST, NX, ... of `kernels/common/neighbours.py`. cells: total
     number of cells. edges (MAX_CLASSES,): upper limit of the support radius in each class. extent: support radius over
@@ -54,8 +54,8 @@ class Grids(NamedTuple):
     def near(self, low: Array, high: Array, reach: Array) -> Grids:
         """Return the parts of the grids with all cells near the box from `low` (2,) to `high` (2,).
 
-        reach (grids,): distance from the box up to which the cells of each grid are included. If a part crosses an edge
-        of periodic space, it is extended to the whole grid along that axis.
+        reach (grids,): for each grid, the largest distance from the box at which cells are included. If a part
+        crosses an edge of periodic space, the part is extended to the whole grid along that axis.
         """
         table = self.table.copy()
         for row, length in zip(table, reach, strict=True):
@@ -72,8 +72,8 @@ class Grids(NamedTuple):
         table[:, FIRST] = np.cumsum(held) - held
         return self._replace(table=table, cells=int(held.sum()))
 
-    def numbers(self) -> Array:
-        """Return the numbers (cells,) that the cells of these parts have in the whole grids."""
+    def indices_in_whole(self) -> Array:
+        """Return, for each cell of these parts of grids, its index (cells,) in the whole grids."""
         found, first = [], 0
         columns = [NX, NX + 1, FROM_X, FROM_X + 1, ALL_X, ALL_X + 1]
         for nx, ny, from_x, from_y, all_x, all_y in self.table[:, columns].astype(np.int64):
@@ -140,7 +140,7 @@ def grids_of(
 
 
 def keys_in(grids: Grids, classes: Array, pos: Array) -> Array:
-    """Return the cell number (n,) of particles with size classes `classes` (n,) and positions `pos` (n, d)."""
+    """Return the cell index (n,) of particles with size classes `classes` (n,) and positions `pos` (n, d)."""
     key = np.empty(len(pos), np.uint32)
     per_side = 1.0 / grids.table[:, SIDE_X : SIDE_X + 2]
     parallel_for(kernels.cell_keys, len(pos), pos, classes, grids.table, per_side, grids.low, key, light=True)

@@ -41,10 +41,8 @@ class Slot(Enum):
 
     Operators of AROUND_DRIFT run twice. Before the drift, velocities are ahead of the positions (`state.velocity_lag`
     is negative). After the drift, velocities are behind, and the operators run in the opposite order. On a circular
-    orbit of
-    frequency Omega these velocities are rotated relative to the positions by asin(Omega velocity_lag), unless
-    the drift
-    rotates velocities too.
+    orbit of frequency Omega these velocities are rotated relative to the positions by asin(Omega velocity_lag), unless
+    the drift rotates velocities too.
     """
 
     FIELD = auto()
@@ -120,7 +118,7 @@ class Operator(NamedTuple):
         "gas.acc" and "dust.acc". Any other force adds to "gas.acc_unshared" or "dust.acc_unshared", which drag includes
         in the relaxation of the slip.
     starts : bool
-        Whether `run` overwrites the acceleration arrays to which no force was added before (`view.is_first`). If False,
+        Whether `run` overwrites the acceleration arrays to which no force was added before (`view.is_unset`). If False,
         these arrays are set to 0 before the call.
     """
 
@@ -146,7 +144,7 @@ def arrays(species: str | Iterable[str], names: str) -> frozenset[str]:
 
 @cache
 def _readable_attributes(names: frozenset[str], species: str) -> frozenset[str]:
-    """Return the attributes of a species that an operator may use; names: its `reads` and `writes` together."""
+    """Return the attributes of a species that an operator may use; names: its `reads` and `writes` as one set."""
     declared = {name.partition(".")[2] for name in names if name.partition(".")[0] == species}
     return PARTICLE_ATTRIBUTES | declared
 
@@ -223,7 +221,7 @@ class View:
         self._check_reads(name)
         return self._results.pop(name, *default)
 
-    def is_first(self, name: str) -> bool:
+    def is_unset(self, name: str) -> bool:
         """Return whether the acceleration array `name`, such as "gas.acc", is still uninitialised."""
         return name in self._first
 
@@ -250,7 +248,7 @@ def accelerate(effect: HasOperators, state: State, with_drift: bool = False) -> 
 
 
 def limits(effect: HasOperators, state: State, results: dict[str, Any]) -> dict[str, Limit]:
-    """Return the time-step limits of one effect by species; results: those of its operators, from `accelerate`."""
+    """Return the time-step limits of one effect by species; results: results of its operators, from `accelerate`."""
     found: dict[str, Limit] = {}
     for operator in effect.operators(state):
         if operator.slot is Slot.LIMIT:
@@ -259,7 +257,7 @@ def limits(effect: HasOperators, state: State, results: dict[str, Any]) -> dict[
 
 
 def longest_step(effect: HasOperators, state: State, results: dict[str, Any]) -> float:
-    """Return the longest step that one effect allows; results: those of its operators, from `accelerate`."""
+    """Return the longest step that one effect allows; results: results of its operators, from `accelerate`."""
     return smallest_limits(limits(effect, state, results), state.dust_is_passive)[0]
 
 

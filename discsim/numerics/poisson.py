@@ -6,9 +6,9 @@
 Plummer: the field of a razor-thin disc at the height softening (Binney & Tremaine 2008, eq. 5.161). Thin-disc: source
 and target columns are stratified, rho = Sigma exp(-z^2 / 2H^2) / (sqrt(2 pi) H), and the field is the mean over the
 target column (Rendon Restrepo et al. 2025, arXiv:2506.10812). As z - z' is Gaussian with variance 2H^2, w is the mean
-of -1 / sqrt(d^2 + (z - z')^2), and w_k that of -2 pi exp(-k |z - z'|) / k. Thickness reduces long waves by the factor
-1 - 2kH / sqrt(pi), as a softening of 2H / sqrt(pi) = 1.13 H does. It reduces short waves by 1 / (sqrt(pi) kH), as in
-three dimensions. No softening reproduces both.
+of -1 / sqrt(d^2 + (z - z')^2), and w_k that of -2 pi exp(-k |z - z'|) / k. Thickness reduces long waves by the factor 1
+- 2kH / sqrt(pi), as a softening of 2H / sqrt(pi) = 1.13 H does. Thickness reduces short waves by 1 / (sqrt(pi) kH), as
+in three dimensions. No softening reproduces both.
 
 Open edges: the grid is padded to twice its sides, so that the cyclic convolution is the sum over all pairs of
 nodes (Hockney & Eastwood 1988, ch. 6). Rows of padding alone are not transformed. Half of each column is padding, so
@@ -64,7 +64,7 @@ class Plummer:
         """Return the attraction between unit masses, divided by their distance."""
         return np.hypot(distance, self.softening) ** -3
 
-    def transform(self, k: Array) -> Array:
+    def potential_transform(self, k: Array) -> Array:
         """Return the transform of `potential` at the wavenumbers k."""
         return -2 * np.pi * np.exp(-k * self.softening) / k
 
@@ -88,7 +88,7 @@ class ThinDisc:
         x = distance**2 / (8 * self.thickness**2)
         return (k1e(x) - k0e(x)) / (8 * np.sqrt(np.pi) * self.thickness**3)
 
-    def transform(self, k: Array) -> Array:
+    def potential_transform(self, k: Array) -> Array:
         """Return the transform of `potential` at the wavenumbers k."""
         return -2 * np.pi * erfcx(k * self.thickness) / k
 
@@ -144,9 +144,9 @@ class Workers:
         self._workers: list[Worker] = []
 
     def run_batches(self, work: "Callable[[Worker, int], None]", batches: int) -> None:
-        """Call `work(worker, batch)` for each batch number below `batches`, on several threads.
+        """Call `work(worker, batch)` for each batch index from 0 to `batches` - 1, on several threads.
 
-        A thread uses any worker that is free. The results do not depend on which one.
+        A thread uses any worker that is free. The results do not depend on the choice of the worker.
         """
         while len(self._workers) < thread_pool.number_of_threads():  # on this thread, as FFTW's planner is serial
             self._workers.append(Worker(*self._arguments))
@@ -178,12 +178,12 @@ class Worker:
         self.rows, self.rows_back = pyfftw.zeros_aligned((ROWS, ny)), pyfftw.zeros_aligned((ROWS, ny))
         self.spectra = pyfftw.zeros_aligned((ROWS, -(-count // TILE) * TILE), complex)
         spectra = self.spectra[:, :count]
-        self.along_y = _plan(self.rows, spectra, "FFTW_FORWARD")
-        self.back_along_y = _plan(spectra, self.rows_back, "FFTW_BACKWARD", "FFTW_DESTROY_INPUT")
+        self.along_y = _make_plan(self.rows, spectra, "FFTW_FORWARD")
+        self.back_along_y = _make_plan(spectra, self.rows_back, "FFTW_BACKWARD", "FFTW_DESTROY_INPUT")
         self.columns = Columns(nx) if periodic else PaddedColumns(nx, border)
 
     def forward(self, surface_density: Array, first: int, tiles: Array) -> None:
-        """Transform the batch of rows of `surface_density` from `first` on along y, and store it in `tiles`."""
+        """Transform the batch of rows of `surface_density` from `first` on along y, and store the result in `tiles`."""
         load_rows(surface_density, first, self.rows)
         self.along_y.execute()
         rows_to_tiles(self.spectra, first, tiles)
@@ -193,9 +193,9 @@ class Worker:
         self.columns.convolve(tiles[number], kernel, number * TILE)
 
     def backward(self, tiles: Array, first: int, potential: Array, shift: int) -> None:
-        """Transform the batch of rows of `tiles` from `first` on back along y, and store it in `potential`.
+        """Transform the rows of `tiles` from `first` on back along y, and store the result in `potential`.
 
-        Row i of the tiles becomes row i + shift of the potential.
+        The rows are one batch. Row i of the tiles becomes row i + shift of the potential.
         """
         tiles_to_rows(tiles, first, self.spectra)
         self.back_along_y.execute()
@@ -216,7 +216,7 @@ class Columns:
         self.given, self.modes = pyfftw.zeros_aligned(shape, complex), pyfftw.zeros_aligned(shape, complex)
         self.parts = self.modes.view(float)  # real and imaginary, in turn
         given, modes = self.given[:, : self.length], self.modes[:, : self.length]
-        self.forth, self.back = _plan(given, modes, "FFTW_FORWARD"), _plan(modes, given, "FFTW_BACKWARD")
+        self.forth, self.back = _make_plan(given, modes, "FFTW_FORWARD"), _make_plan(modes, given, "FFTW_BACKWARD")
 
     def convolve(self, tile: Array, kernel: Array, first: int) -> None:
         """Convolve the columns of `tile` (nx, TILE), modes along y, with the transformed kernel (ky, kx), in place.
@@ -256,7 +256,7 @@ class PaddedColumns(Columns):
         store_halves(self.halves, nx, self.border, self.wave, tile)
 
 
-def _plan(source: Array, target: Array, direction: str, *flags: str) -> pyfftw.FFTW:
+def _make_plan(source: Array, target: Array, direction: str, *flags: str) -> pyfftw.FFTW:
     return pyfftw.FFTW(source, target, axes=(1,), direction=direction, flags=("FFTW_ESTIMATE", *flags), threads=1)
 
 
@@ -288,11 +288,11 @@ def open_kernel(padded: tuple[int, int], cell: float, kernel: Kernel, some: slic
 
 
 def periodic_transform(padded: tuple[int, int], cell: float, kernel: Kernel, some: slice = EVERYTHING) -> Array:
-    """Return the transform w_k of the kernel at the wavenumbers (ky, kx) of the grid; it is 0 at k = 0.
+    """Return the transform w_k of the kernel at the wavenumbers (ky, kx) of the grid; w_k is 0 at k = 0.
 
     some: slice of the wavenumbers ky to compute.
     """
     kx, ky = (2 * np.pi * np.fft.rfftfreq(n, cell) for n in padded)
     k = np.hypot(kx, ky[some, None])
     k[ky[some] == 0.0, 0] = np.inf
-    return kernel.transform(k)
+    return kernel.potential_transform(k)

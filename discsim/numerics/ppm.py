@@ -7,9 +7,9 @@ A step has three stages, each from the state U^n at its start (Wicker & Skamaroc
 
     U^(k) = U^n + a_k dt L(U^(k-1)),   a_k = 1/3, 1/2, 1,   U^(0) = U^n,   U^(n+1) = U^(3)
 
-It is of third order in time for linear equations and of second order otherwise, and stable with unlimited parabolas up
-to a Courant number of 1.2.
-Cells are the particles of the state, with mass rho dx at fixed positions. Isothermal gas has no E.
+The scheme is of third order in time for linear equations and of second order otherwise, and stable with unlimited
+parabolas up to a Courant number of 1.2. Cells are the particles of the state, with mass rho dx at fixed positions.
+Isothermal gas has no E.
 """
 
 from __future__ import annotations

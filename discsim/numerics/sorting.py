@@ -18,8 +18,8 @@ def counting_sort(
     """Return the stable order (n,) of entries by `key`, and the start (count + 1,) of each key in that order.
 
     key (n,): integers in [0, count); n is below 2^32. global_index (n,): second sort keys, for entries with equal
-    `key`; None: these keep the order of the arrays. unsorted_rows: rows without which `global_index` ascends; None if
-    unknown.
+    `key`; None: such entries keep the order of the arrays. unsorted_rows: rows without which `global_index` ascends;
+    None if unknown.
     """
     ends, parts = _count_in_parts(key, count)
     np.cumsum(ends, out=ends)

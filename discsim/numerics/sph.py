@@ -79,8 +79,7 @@ class PointsWithGhosts(NamedTuple):
     """Local particles combined with the ghosts that may be their neighbours.
 
     both: `world.ParticlesWithGhosts`. h, mass: combined arrays. cells: cells of all particles,
-    ghosts included;
-    `cells.filled` lists only the cells with local particles.
+    ghosts included; `cells.filled` lists only the cells with local particles.
     """
 
     both: Any
@@ -155,7 +154,7 @@ class Sph:
     def candidate_lists(self, cells: Cells) -> list[Any]:
         """Return the candidates of all cells with local particles: lists for each chunk of `parallel_for`.
 
-        In single precision they are not sorted into slabs, as this takes more time than it saves in sums.
+        In single precision the lists are not sorted into slabs, as sorting takes more time than it saves in sums.
         """
         return candidates(cells, cells, mutual=True, in_slabs=not self.single)
 
@@ -186,16 +185,16 @@ class Sph:
         length is not finite, as neighbour cells then have no size.
         """
         for _ in range(MAX_PASSES):
-            h_least = self.smallest_h(gas)
+            h_least = self.lower_bound_of_h(gas)
             if not h_least < np.inf:
                 raise FloatingPointError("a smoothing length of the gas is not finite")
             self.find_h_and_density(gas, vel, h_least)
             # If h is at its lower bound, this bound has to follow from the resulting h, not from the first guess.
             smallest = world.processes.min(float(gas.h.min(initial=np.inf)))
-            if self.fixed or smallest > h_least or self.smallest_h(gas) > 0.9 * h_least:
+            if self.fixed or smallest > h_least or self.lower_bound_of_h(gas) > 0.9 * h_least:
                 return
 
-    def smallest_h(self, gas: Points) -> float:
+    def lower_bound_of_h(self, gas: Points) -> float:
         """Return the lower bound of h, which follows from the mean h of all gas."""
         return mean(gas.h) * MAX_COMPRESSION ** (-1.0 / self.dim)
 

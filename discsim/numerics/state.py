@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 
-from discsim.formulas.centre import central, omega
+from discsim.formulas.centre import central_flags, omega
 from discsim.numerics import alloc, world
 from discsim.numerics.bodies import Bodies
 from discsim.numerics.dataframe import dataframe_of
@@ -109,7 +109,7 @@ class Particles(Summarised):
         return int(world.processes.sum(self.count))
 
     def sort(self, key: Array, count: int) -> None:
-        """Sort every array by `key` (n,), integers in [0, count), and by ids where keys are equal.
+        """Sort every array by `key` (n,), integers in [0, count), and particles with equal keys by their ids.
 
         The result does not depend on the former order of the particles.
         """
@@ -126,7 +126,7 @@ class Particles(Summarised):
     def remove(self, gone: Array) -> None:
         """Remove the particles `gone`, a mask (n,) or ascending rows, and move the last particles into the gaps.
 
-        Collective: with several processes all of them must call it, each for its local particles.
+        Collective: with several processes all processes must call this method, each for its local particles.
         """
         gone = np.flatnonzero(gone) if gone.dtype == bool else gone
         if self.global_index is not None:
@@ -339,7 +339,7 @@ class State:
     @cached_property
     def _central(self) -> Array:
         """Mask (n,) of the bodies that are part of the central mass."""
-        return central(self.scene.star.centre, [c.eccentricity for c in self.scene.table("companion") or ()])
+        return central_flags(self.scene.star.centre, [c.eccentricity for c in self.scene.table("companion") or ()])
 
     @property
     def central(self) -> tuple[float, float]:

@@ -41,7 +41,7 @@ def number_of_threads() -> int:
 
 
 def several_threads() -> bool:
-    """Return whether `run_concurrently` of this thread uses several threads; it does not within a job."""
+    """Return whether `run_concurrently` of this thread uses several threads; within a job it does not."""
     return number_of_threads() > 1 and _pool_of_job.get() is None
 
 
@@ -51,20 +51,20 @@ def cpu_time() -> float:
 
 
 @cache
-def _pool(threads: int) -> ThreadPoolExecutor:
-    """Return the pool with this number of threads; it is made at the first call, and kept."""
+def _pool_of_threads(threads: int) -> ThreadPoolExecutor:
+    """Return the pool with this number of threads; the pool is made at the first call, and kept."""
     return ThreadPoolExecutor(threads, "discsim")
 
 
 if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_pool.cache_clear)  # threads do not survive a fork
+    os.register_at_fork(after_in_child=_pool_of_threads.cache_clear)  # threads do not survive a fork
 
 
 class Loop:
     """Parallel loop: `calls` of a kernel, one for each chunk of a range.
 
     lengths: number of chunks with which each thread begins. returned: result of each chunk. raised: exceptions by
-    number of the chunk.
+    index of the chunk.
     """
 
     def __init__(self, calls: list[Callable[[], Any]], lengths: list[int]) -> None:
@@ -94,7 +94,7 @@ def run_loop(loop: Loop, threads: int) -> list[Any]:
     """
     helpers: list[Future[float]] = []
     try:
-        pool = _pool_of_job.get() or _pool(threads - 1)
+        pool = _pool_of_job.get() or _pool_of_threads(threads - 1)
         for thread in range(1, min(threads, len(loop.left))):
             helpers.append(pool.submit(copy_context().run, loop.run_chunks, thread))
         loop.run_chunks(0)
@@ -117,7 +117,7 @@ def run_concurrently(*jobs: Callable[[], object]) -> None:
         for job in jobs:
             job()
         return
-    pool = _pool(number_of_threads())
+    pool = _pool_of_threads(number_of_threads())
     begun: list[Future[object]] = []
     raised: dict[int, BaseException | None] = {}
     token = _pool_of_job.set(pool)

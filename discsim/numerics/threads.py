@@ -49,7 +49,7 @@ def parallel_for(
     runs = chunks(count, MIN_CHUNK_CHEAP if light else least, thread_pool.number_of_threads())
     spans = [span for run in runs for span in run]
     parts = spans if each is None else [(*span, entry) for span, entry in zip(spans, each, strict=True)]
-    return _run([partial(kernel, *part, *arguments) for part in parts], [len(run) for run in runs])
+    return _run_chunks([partial(kernel, *part, *arguments) for part in parts], [len(run) for run in runs])
 
 
 def parallel_for_ranges(
@@ -73,7 +73,7 @@ def parallel_for_ranges(
                     calls.append(partial(kernel, low, max(low, high), *given))
                     ranges.append(k)
         lengths.append(len(calls) - before)
-    found = _run(calls, lengths)
+    found = _run_chunks(calls, lengths)
     return [[one for one, own in zip(found, ranges, strict=True) if own == k] for k in range(len(several))]
 
 
@@ -91,7 +91,7 @@ def parallel_for_fused(kernels: list[tuple[Any, ...]], count: int, *, least: int
     parallel_for(run_all, count, least=least)
 
 
-def _run(calls: list[Callable[[], Any]], lengths: list[int]) -> list[Any]:
+def _run_chunks(calls: list[Callable[[], Any]], lengths: list[int]) -> list[Any]:
     """Return the results of `calls`, one for each chunk; lengths: number of chunks with which each thread begins."""
     if len(lengths) < 2:
         return [call() for call in calls]
@@ -129,13 +129,13 @@ def fill(out: np.ndarray, values: Callable[[slice], np.ndarray | float]) -> None
     """Assign `values(slice)` to `out[slice]` for slices of the first axis, on several threads."""
 
     def part(first: int, last: int) -> None:
-        for piece in blocks(first, last):
+        for piece in block_slices(first, last):
             out[piece] = values(piece)
 
     parallel_for(part, len(out))
 
 
-def blocks(first: int, last: int) -> Iterator[slice]:
+def block_slices(first: int, last: int) -> Iterator[slice]:
     """Yield slices of [first, last) of at most BLOCK entries, so that numpy's temporary arrays stay in the cache."""
     for begin in range(first, last, BLOCK):
         yield slice(begin, min(begin + BLOCK, last))

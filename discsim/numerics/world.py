@@ -24,8 +24,8 @@ Array = np.ndarray
 class NeededCells(NamedTuple):
     """Cells near a process, and whether it needs the particles in each of them; arrays are (cells,).
 
-    mask: True for needed cells. begin, end: range of numbers that a cell covers, from `begin` up to `end`. These
-    numbers are the same on all processes; both arrays ascend.
+    mask: True for needed cells. begin, end: a cell consists of the smallest cells `begin` to `end` - 1, in a numbering
+    that all processes share; both arrays ascend.
     """
 
     mask: Array
@@ -107,16 +107,16 @@ class SerialComm:
     def corners(self, pos: Array, find: Callable[[Array], tuple[Array, Array]]) -> tuple[Array, Array]:
         """Return the smallest and largest coordinates, (2,) each, of local positions `pos` (n, d). Not collective.
 
-        find: function that computes them, called as `find(pos)` if they are not cached.
+        find: function that computes the coordinates, called as `find(pos)` if they are not cached.
         """
         return find(pos)
 
     def reuse_removed_keys(self, global_index: Array, gone: Array, unsorted_rows: Array) -> Array:
         """Give the keys of removed particles to the last particles of all processes, which fill the gaps.
 
-        The global order is then as after `Particles.remove` on one process. global_index (n,): keys of local particles,
-        changed in place; they ascend except in the rows `unsorted_rows`. gone: local rows to be removed. Return the
-        local rows that got a new key.
+        The global order is then as after `Particles.remove` on one process. global_index (n,): keys of local
+        particles, changed in place; the keys ascend except in the rows `unsorted_rows`. gone: local rows to be
+        removed. Return the local rows that got a new key.
         """
         raise NotImplementedError("particles of a single process have no keys")
 
@@ -142,7 +142,7 @@ class SerialComm:
         """Return values (m, k) of a sample of the particles of all processes, in the global order.
 
         columns (n, k): values of the local particles in the sample. global_index: keys of all local particles. rows
-        (n,): rows of those in the sample.
+        (n,): rows of the local particles in the sample.
         """
         return columns
 

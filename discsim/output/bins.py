@@ -51,7 +51,7 @@ class Rings:
         self.count = len(edges) - 1
         self.measure = np.pi * np.diff(edges**2) if measure is None else measure
         self.bin_index = np.empty(len(at), np.int32)  # of each particle; `count` for particles outside
-        for part in blocks(len(at)):
+        for part in particle_slices(len(at)):
             found = np.searchsorted(edges, at[part], side="right") - 1
             self.bin_index[part] = np.where(found < 0, self.count, found)
             self.bin_index[part][at[part] == edges[-1]] = self.count - 1
@@ -129,7 +129,7 @@ class PixelBins:
         self.padded = tuple(n + 2 * m for n, m in zip(shape, self.margin, strict=True))
         self.size = self.padded[0] * self.padded[1]
         self.pixel_index = np.empty(count, np.int32)
-        for part in blocks(count):
+        for part in particle_slices(count):
             self.pixel_index[part] = self._flat_index((positions(part) - lower) / pixel)
         counts = self._deposit(None)
         self.occupied = np.flatnonzero(counts)
@@ -190,7 +190,7 @@ class PixelBins:
         return mass / self.measure > density_range(mass / self.measure)[0]
 
 
-def blocks(count: int) -> Iterator[slice]:
+def particle_slices(count: int) -> Iterator[slice]:
     """Yield slices of at most _BLOCK particles that together contain the particles 0 to `count` - 1."""
     yield from (slice(start, start + _BLOCK) for start in range(0, count, _BLOCK))
 

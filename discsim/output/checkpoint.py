@@ -90,8 +90,8 @@ def write_checkpoint(
 ) -> None:  # fmt: skip
     """Write a checkpoint to `path`: the arrays in `groups` by group and name, and the single values `attrs`.
 
-    An existing file at `path` is replaced, or with `backup` renamed to `backup`. It stays in place if the new file
-    cannot be written, which raises OSError. `create` is the context manager that creates the file.
+    An existing file at `path` is replaced, or with `backup` renamed to `backup`. The existing file stays in place if
+    the new file cannot be written, which raises OSError. `create` is the context manager that creates the file.
     """
     with create(path, backup) as file:
         hdf5.write_provenance(file, "checkpoint")
@@ -118,7 +118,7 @@ def read_checkpoint(
         number, of = share
         return stored.read(slice(len(stored) * number // of, len(stored) * (number + 1) // of))
 
-    return _read(path, rows_of_share)
+    return _read_groups(path, rows_of_share)
 
 
 def check_checkpoint(path: str | os.PathLike[str]) -> tuple[dict[str, dict[str, Array]], Values]:
@@ -132,10 +132,10 @@ def check_checkpoint(path: str | os.PathLike[str]) -> tuple[dict[str, dict[str, 
             stored.read(slice(first, first + ROWS_PER_CHECK))
         return stored.read(slice(0, 0))
 
-    return _read(path, check_rows)
+    return _read_groups(path, check_rows)
 
 
-def _read(
+def _read_groups(
     path: str | os.PathLike[str], read_particles: Callable[[hdf5.CheckedDataset], Array]
 ) -> tuple[dict[str, dict[str, Array]], Values]:
     """Return the groups and values of a checkpoint; `read_particles` reads a dataset with a row per particle."""
@@ -145,11 +145,11 @@ def _read(
         for group in arrays.names:
             held, read = arrays.group(group), read_particles if group in PARTICLES else hdf5.CheckedDataset.read
             groups[group] = Entries(path, {name: read(held.dataset(name)) for name in held.names})
-        values = {name: _scalar(single.attribute(name), name) for name in single.attributes}
+        values = {name: _scalar_value(single.attribute(name), name) for name in single.attributes}
         return Entries(path, groups), Values(path, values, file.text("version"))
 
 
-def _scalar(value: Any, name: str) -> Scalar:
+def _scalar_value(value: Any, name: str) -> Scalar:
     """Return an attribute of the group "values" as a Python object. Raises EntryError for an array."""
     if np.ndim(value) != 0:
         raise EntryError(f"/values@{name} has shape {np.shape(value)}; expected a single value")

@@ -6,8 +6,8 @@ pericentre (its longitude) and anomaly (true anomaly) describe the two-body orbi
 full mass.
 
 During the ramp of its mass, a companion attracts gas and dust with felt_mass, which is smaller than mass. Its torque
-about the star is felt_mass r x a, with the acceleration a by all gas or by all dust; it is computed even if the
-companion does not react to gas and dust. star_x ... star_vy are in the frame of the run.
+about the star is felt_mass r x a, with the acceleration a by all gas or by all dust; the torque is computed even if
+the companion does not react to gas and dust. star_x ... star_vy are in the frame of the run.
 """
 
 from __future__ import annotations

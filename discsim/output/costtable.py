@@ -35,10 +35,10 @@ def read_costs(path: Path) -> list[Cost]:
         raise CostsError(f"{path}: not a text table like the costs.csv of a run; {REMEDY}") from None
     if not lines or lines[0] != [*COLUMNS]:
         raise CostsError(f"{path}:1: not the header of costs.csv, {','.join(COLUMNS)}; {REMEDY}")
-    return [_cost(path, number, line) for number, line in enumerate(lines[1:], 2)]
+    return [_parse_cost(path, number, line) for number, line in enumerate(lines[1:], 2)]
 
 
-def _cost(path: Path, number: int, line: list[str]) -> Cost:
+def _parse_cost(path: Path, number: int, line: list[str]) -> Cost:
     """Return line `number` of the file as a row. Raises CostsError."""
     try:
         effect, calls, seconds, share = line

@@ -111,9 +111,9 @@ Mark = tuple[float, float, bool]  # a body in a map: x and y in the units of axe
 class Picture:
     """Values [y, x] of the field `name` to draw as a picture, in the unit of the colour bar.
 
-    `x` and `y` are the first and last edge of the pixels along each axis, or all edges. `labels` are those of the
-    axes, and `marks` the positions of star and companions. `scale` is the number of axis units per au (or per code unit
-    of length) for a map in x and y, and None if the axes have different units.
+    `x` and `y` are the first and last edge of the pixels along each axis, or all edges. `labels` are the labels of
+    the axes, and `marks` the positions of star and companions. `scale` is the number of axis units per au (or per
+    code unit of length) for a map in x and y, and None if the axes have different units.
     """
 
     snap: Snapshot

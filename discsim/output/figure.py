@@ -81,7 +81,10 @@ def _figure_2d(snap: Snapshot) -> Figure:
 
 
 def _grain_fields(snap: Snapshot) -> list[str]:
-    """Return the fields of grains to draw as maps; [] unless grains have individual sizes, and some of them mass."""
+    """Return the fields of grains to draw as maps.
+
+    Returns [] unless grains have individual sizes, and some grains have mass.
+    """
     dust = snap.dust
     if dust is None or dust.size is None or not (dust.mass > 0).any():
         return []

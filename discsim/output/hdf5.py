@@ -48,8 +48,8 @@ def create(path: str | os.PathLike[str], backup: Path | None = None) -> Iterator
     """Yield a new file in memory; when the block ends without an exception, write it to `path`.
 
     HDF5 may crash on a full disk, so it does not write to the disk itself. An existing file at `path` is replaced,
-    or with `backup` renamed to `backup`; after an exception it is unchanged. Raises OSError if writing fails, or if
-    the bytes on disk differ from the data.
+    or with `backup` renamed to `backup`; after an exception the existing file is unchanged. Raises OSError if
+    writing fails, or if the bytes on disk differ from the data.
     """
     content = io.BytesIO()
     with new_in_memory(content) as file:
@@ -96,7 +96,10 @@ def _check_digest(file: IO[bytes]) -> None:
 
 
 def _has_bytes(path: Path, content: np.ndarray) -> bool:
-    """Return whether the file at `path` has the bytes `content`. If possible, it is read from disk, not from memory."""
+    """Return whether the file at `path` has the bytes `content`.
+
+    If possible, the file is read from disk, not from memory.
+    """
     position = 0
     with path.open("rb") as file:
         if hasattr(os, "posix_fadvise"):
@@ -374,7 +377,7 @@ def open_file_of_kind(path: str | os.PathLike[str], error: type[Exception], kind
             f"{path}: the file needs more memory than this machine has; use a machine with more memory"
         ) from fault
     except (OSError, LookupError, ValueError, TypeError, AttributeError, RuntimeError, ArithmeticError) as fault:
-        raise error(f"{path}: not a {kind}, or a damaged {kind}: {_reason(fault)}; use another {kind}") from fault
+        raise error(f"{path}: not a {kind}, or a damaged {kind}: {_reason_text(fault)}; use another {kind}") from fault
 
 
 def write_provenance(file: h5py.File, kind: str) -> None:
@@ -421,10 +424,10 @@ def _open_part(path: Path, file_id: str) -> Iterator[CheckedGroup]:
                 )
             yield file
     except (OSError, LookupError, ValueError, RuntimeError) as fault:
-        raise OSError(f"part file {path}: {_reason(fault)}") from fault
+        raise OSError(f"part file {path}: {_reason_text(fault)}") from fault
 
 
-def _reason(fault: Exception) -> str:
+def _reason_text(fault: Exception) -> str:
     """Return the first line of an error as printable text, or a general text for an internal error of h5py."""
     if not isinstance(fault, OSError | EntryError):
         return "the data in the file cannot be read"

@@ -119,7 +119,7 @@ def rows_until(path: Path, step: int, count: int, digest: str, columns: Sequence
     """
     remedy = "repair the file, or move it away to continue without its rows"
     try:
-        head, table, complete = _read(path, columns)
+        head, table, complete = _read_table(path, columns)
     except OSError as fault:
         raise HistoryError(f"{system_message(fault, 'read', path)}; {remedy}") from None
     rows = [row for row in complete[:count] if int(row[0]) <= step]
@@ -155,10 +155,10 @@ def read_history(path: Path, scene: Scene) -> list[dict[str, str]]:
 
 def read_rows(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
     """Return the rows of a table with these columns as dicts by column, up to the first incomplete row."""
-    return [dict(zip(columns, row, strict=True)) for row in _read(path, columns)[2]]
+    return [dict(zip(columns, row, strict=True)) for row in _read_table(path, columns)[2]]
 
 
-def _read(path: Path, columns: Sequence[str]) -> tuple[list[str], list[list[str]], list[list[str]]]:
+def _read_table(path: Path, columns: Sequence[str]) -> tuple[list[str], list[list[str]], list[list[str]]]:
     """Return the header, all lines after it, and the complete rows before the first incomplete line.
 
     If the header differs from `columns`, no row counts as complete. A missing file counts as empty.
@@ -187,7 +187,7 @@ def history_row(
     `dt` is the length of the last step, `dt_set_by` the name of the limit that set it. `before` is the previous row;
     the accretion rates in the new row are means since then, or 0 without a previous row.
     """
-    gas, dust = _totals(state.gas), _totals(state.dust)
+    gas, dust = _totals_of_species(state.gas), _totals_of_species(state.dust)
     momentum = gas.momentum + dust.momentum
     mass_gas, small = gas.mass, []
     if state.gas is not None and state.gas.small is not None:
@@ -195,11 +195,11 @@ def history_row(
         mass_gas = total(state.gas.mass * growth.gas_fraction(state.scene, state.gas))
     return [
         state.step, state.time, dt, dt_set_by, mass_gas, dust.mass, float(momentum[0]), float(momentum[1]),
-        gas.spin + dust.spin, gas.kinetic, dust.kinetic, _thermal(state),
+        gas.spin + dust.spin, gas.kinetic, dust.kinetic, _thermal_energy(state),
         float(sum(effect.potential_energy(state) for effect in effects.values())),
         state.ledger.accreted_gas, state.ledger.accreted_dust,
         float(max((e.uncoupled for e in effects.values() if isinstance(e, KickEffect)), default=0.0)),
-        *_accretion_rates(state, before), _radiated(state.gas), *small,
+        *_accretion_rates(state, before), _radiated_energy(state.gas), *small,
     ]  # fmt: skip
 
 
@@ -225,11 +225,11 @@ class _Totals(NamedTuple):
     kinetic: float
 
 
-def _totals(particles: Particles | None) -> _Totals:
+def _totals_of_species(particles: Particles | None) -> _Totals:
     """Return the totals of a species; all are 0 if the run has no such species."""
     if particles is None:
         return _Totals(0.0, np.zeros(2), 0.0, 0.0)
-    free = _mobile(particles)
+    free = _mobile_rows(particles)
     mass, pos, vel = particles.mass[free], particles.pos[free], particles.vel[free]
     plane = vel.shape[1] == 2
     spin = mass * (pos[:, 0] * vel[:, 1] - pos[:, 1] * vel[:, 0]) if plane else np.zeros_like(mass)
@@ -239,12 +239,12 @@ def _totals(particles: Particles | None) -> _Totals:
     return _Totals(found[0], np.array(found[1:3]), found[3], 0.5 * found[4])
 
 
-def _thermal(state: State) -> float:
+def _thermal_energy(state: State) -> float:
     """Return the thermal energy of the mobile gas, without small dust."""
     gas: Gas | None = state.gas
     if gas is None:
         return 0.0
-    free = _mobile(gas)
+    free = _mobile_rows(gas)
     mass, density = gas.mass[free], gas.density[free]
     if gas.u is None and gas.small is not None:  # small dust adds mass but no pressure
         share = growth.gas_fraction(state.scene, gas)
@@ -252,12 +252,12 @@ def _thermal(state: State) -> float:
     return thermal_energy(state.scene, mass, density, None if gas.u is None else gas.u[free])
 
 
-def _radiated(gas: Gas | None) -> float:
+def _radiated_energy(gas: Gas | None) -> float:
     """Return the energy that the present gas has radiated since the start."""
     return 0.0 if gas is None or gas.radiated is None else total(gas.mass * gas.radiated)
 
 
-def _mobile(particles: Particles) -> Array | slice:
+def _mobile_rows(particles: Particles) -> Array | slice:
     """Return a mask or slice of the mobile particles; the boundary particles of a shock tube are immobile."""
     immobile = getattr(particles, "immobile", None)
     return slice(None) if immobile is None else ~immobile

@@ -81,7 +81,7 @@ def write_particles(file: h5py.File, kind: str, arrays: dict[str, Array], units:
     part, fields = GROUPS[kind]
     group = file.create_group(part)
     order = np.argsort(arrays["ids"], kind="stable")
-    for name, array, (dataset, dimension, about) in _stored(arrays, fields):
+    for name, array, (dataset, dimension, about) in _stored_datasets(arrays, fields):
         array = array[order]
         if dataset == "Velocities":
             array = np.pad(array, ((0, 0), (0, 3 - array.shape[1])))
@@ -100,7 +100,7 @@ def write_particles(file: h5py.File, kind: str, arrays: dict[str, Array], units:
             stored.attrs[f"{base} exponent"] = [float(power)]
 
 
-def _stored(arrays: dict[str, Any], fields: dict[str, Field]) -> Iterator[tuple[str, Array, Field]]:
+def _stored_datasets(arrays: dict[str, Any], fields: dict[str, Field]) -> Iterator[tuple[str, Array, Field]]:
     """Yield name, values and dataset of the arrays in the layout, then of the columns of effects in other packages."""
     yield from ((name, arrays[name], field) for name, field in fields.items() if name in arrays)
     for name, column in arrays.items():
@@ -115,7 +115,7 @@ def columns_of_packages(group: hdf5.CheckedGroup) -> dict[str, tuple[str, str]]:
 
 
 def write_layout(file: h5py.File, scene: Scene, time: float, side: Array, numbers: dict[str, int]) -> None:
-    """Write the groups of the layout without particles to `file`, with the attributes that other tools need.
+    """Write to `file` all groups of the layout except those of particles, with the attributes that other tools need.
 
     `side` (dimensions,) are the sides of the box. `numbers` has the number of particles of each kind, by name.
     """

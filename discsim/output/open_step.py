@@ -2,9 +2,9 @@
 
 The velocities and energies in a snapshot are those after the closing half kick of a step (`run/integrators.py`). The
 run itself continues without this half kick, so the step is still open. The additional data are the velocities and
-energies of the open step, the accelerations and rates predicted for the kick, and the first guess for each h. They
-also are the number of the step, which shifts the drag cells, the integration state of star and companions, and the
-clock of dust growth, which acts once in several steps.
+energies of the open step, the accelerations and rates predicted for the kick, and the first guess for each h. The
+data also include the number of the step, which shifts the drag cells, the integration state of star and companions,
+and the clock of dust growth, which acts once in several steps.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ BODY_ARRAYS = ("pos", "gained", "begun")  # arrays of star and companions that a
 class OpenStep:
     """State of a run between two steps, before the closing half kick.
 
-    `lag` is the time by which velocities and energies lag behind positions; it is 0 after the closing kick. `step` is
-    the number of steps, including the steps of earlier runs that this run continues. `arrays` has arrays by species
-    ("gas", "dust", "bodies") and name, sorted by ids: arrays that the snapshot does not have, or has after the closing
-    kick. `pace` is the clock of dust growth (`State.subcycle_clock`).
+    `lag` is the time by which velocities and energies lag behind positions; `lag` is 0 after the closing kick.
+    `step` is the number of steps, including the steps of earlier runs that this run continues. `arrays` has arrays
+    by species ("gas", "dust", "bodies") and name, sorted by ids: arrays that the snapshot does not have, or has
+    after the closing kick. `pace` is the clock of dust growth (`State.subcycle_clock`).
     """
 
     lag: float
@@ -78,9 +78,10 @@ def write(group: h5py.Group, step: OpenStep) -> None:
 
 
 def read(group: hdf5.CheckedGroup, counts: dict[str, int], dimensions: int, time: float) -> OpenStep | None:
-    """Return the open step in `group`, the group "discsim" of a snapshot; None if there is none, as in old files.
+    """Return the open step in `group`, the group "discsim" of a snapshot.
 
-    `counts` are the particle numbers by kind, `time` is the time of the snapshot. Raises EntryError.
+    Returns None if the group has no open step, as in old files. `counts` are the particle numbers by kind, `time` is
+    the time of the snapshot. Raises EntryError.
     """
     if GROUP not in group:
         return None

@@ -1,7 +1,8 @@
 """Snapshots and checkpoints in several files, the parts, so that every MPI rank writes its own particles.
 
 Each part is a file in the folder "parts" with a contiguous range of the particles' rows. A small master file next to
-the folder has all other data, and virtual datasets that refer to the rows in the parts. It opens like a single file.
+the folder has all other data, and virtual datasets that refer to the rows in the parts. The master opens like a single
+file.
 
     snapshots/0003.h5   snapshots/parts/0003.0.h5   snapshots/parts/0003.1.h5 ...
 
@@ -47,10 +48,11 @@ def create_stem(path: Path, backup: Path | None) -> str:
 
 
 class Part:
-    """A part of a new master file at `path`. Part 0 also writes the master.
+    """One of the files, called parts, to which a new master file at `path` refers.
 
-    `stem` is the result of `create_stem`, and `number` the number of the part. `file_id` is a text that only this
-    master and its parts have. `lengths` has the number of rows in this part by dataset.
+    The process with part 0 also writes the master. `stem` is the result of `create_stem`, and `number` the index of the
+    part. `file_id` is a text that only this master and its parts have. `lengths` has the number of rows in this part by
+    dataset.
     """
 
     def __init__(self, path: Path, stem: str, number: int, file_id: str) -> None:
@@ -173,8 +175,8 @@ def remove_unused_parts(folder: Path) -> None:
 def copy(path: Path, target: Path, temporary: Path, created: list[Path]) -> None:
     """Copy the file at `path` to the path `temporary`, which the caller later renames to `target`.
 
-    Its parts are copied to the folder of parts next to `target`. The paths of the new parts and of their folder are
-    appended to `created` before they are created, so that the caller can remove them after a failure.
+    The parts of the file are copied to the folder of parts next to `target`. The paths of the new parts and of their
+    folder are appended to `created` before they are created, so that the caller can remove them after a failure.
     """
     if (path.parent / PARTS).is_dir() and h5py.is_hdf5(path):
         with hdf5.open_checked(path) as file:

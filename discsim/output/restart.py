@@ -67,17 +67,17 @@ class SnapshotFile(InputFile):
 
 
 @lru_cache(maxsize=1)
-def _snapshot(file: SnapshotFile) -> Snapshot:
+def _cached_snapshot(file: SnapshotFile) -> Snapshot:
     """Return the snapshot in a file; the last one that was read is cached."""
     found: Snapshot = snapshots.read_snapshot(file.path)
     return found
 
 
 def _validated_file(value: Any, info: ValidationInfo) -> SnapshotFile:
-    """Return the value of `initial.file` in a scene as a SnapshotFile. Raises a `fault` if it cannot be read."""
+    """Return the value of `initial.file` in a scene as a SnapshotFile. Raises a `fault` if the file cannot be read."""
     found = InputFile.read(value, info)
     try:
-        snap = _snapshot(SnapshotFile(found.path, found.digest))
+        snap = _cached_snapshot(SnapshotFile(found.path, found.digest))
     except snapshots.SnapshotError as error:
         raise fault(f"{error}; use a snapshot of discsim") from None
     tables = snap.tables.get("dust", [])
@@ -121,7 +121,7 @@ class FromSnapshot(Table):
 def particles(scene: Scene) -> dict[str, dict[str, Array]]:
     """Return the arrays of gas and dust at the start, by species and name, in code units of the scene."""
     start: Any = scene.initial
-    snap = _snapshot(start.file).about_centre()
+    snap = _cached_snapshot(start.file).about_centre()
     out = {}
     for name in ("gas", "dust"):
         held = getattr(snap, name)
@@ -148,7 +148,7 @@ def _with_masses_for_drag(scene: Scene, snap: Snapshot, gas: dict[str, Array]) -
     snapshot and scene differ, the mass of small dust is added or removed.
     """
     was_included = snap.tables["drag"].get("direction") != "one-way"
-    is_included = growth.small_dust_in_mass(scene)
+    is_included = growth.gas_mass_includes_small_dust(scene)
     return gas if was_included == is_included else add_small_dust(gas, 1.0 if is_included else -1.0)
 
 
@@ -188,7 +188,7 @@ def _stored_scene(scene: Scene) -> Scene | None:
     path: Path = scene.initial.file.path
     start = {"kind": scene.initial.kind, "file": str(path)}
     try:
-        return load_scene(_snapshot(scene.initial.file).tables | {"initial": start}, folder=path.parent)
+        return load_scene(_cached_snapshot(scene.initial.file).tables | {"initial": start}, folder=path.parent)
     except SceneError:
         return None
 
@@ -196,11 +196,11 @@ def _stored_scene(scene: Scene) -> Scene | None:
 def continues_run(scene: Scene) -> bool:
     """Return whether a run of `scene` continues the run of its snapshot to rounding.
 
-    It does if the snapshot has an open step, if its particles are neither refined nor thinned, and if no key that
-    affects a step has changed.
+    The result is True if the snapshot has an open step, if its particles are neither refined nor thinned, and if no
+    key that affects a step has changed.
     """
     start, before = scene.initial, _stored_scene(scene)
-    if _snapshot(start.file).open_step is None or before is None or start.refine > 1 or start.thin > 1:
+    if _cached_snapshot(start.file).open_step is None or before is None or start.refine > 1 or start.thin > 1:
         return False
     return not any(_affects_step(key) for key in differences(before, scene))
 
@@ -229,7 +229,7 @@ def restore_open_step(state: State) -> None:
 def _restore_arrays(state: State) -> None:
     """Set arrays and clocks of `state` to those of the snapshot's run between two steps (`open_step.py`)."""
     scene = state.scene
-    snap = _snapshot(scene.initial.file)
+    snap = _cached_snapshot(scene.initial.file)
     step = snap.open_step
     state.velocity_lag, state.earlier = step.lag, step.step
     state.subcycle_clock = step.pace or state.subcycle_clock
@@ -249,10 +249,10 @@ def _restore_arrays(state: State) -> None:
 def moving_bodies(scene: Scene) -> dict[int, ContinuedBody]:
     """Return the star (number 0) and the companions (from 1) whose keys are unchanged, by number.
 
-    Each has its position and velocity relative to the star, the mass that it has gained, and the time when its ramp
-    began, relative to the time of the snapshot.
+    Each body has its position and velocity relative to the star, the mass that it has gained, and the time when its
+    ramp began, relative to the time of the snapshot.
     """
-    snap, before = _snapshot(scene.initial.file), _stored_scene(scene)
+    snap, before = _cached_snapshot(scene.initial.file), _stored_scene(scene)
     if snap.bodies is None or snap.open_step is None or before is None or snap.units != scene.units:
         return {}
     pos, vel, past = snap.bodies.pos, snap.bodies.vel, snap.open_step.arrays["bodies"]
@@ -293,13 +293,13 @@ def check_snapshot_fits(draft: Draft) -> Iterator[Problem]:
 # Previews
 
 
-def _rings(scene: Scene) -> SamplePoints:
+def _ring_samples(scene: Scene) -> SamplePoints:
     """Return surface density, mid radius and relative particle mass in rings with about equal particle numbers.
 
     The particles are the gas if scene and snapshot have gas, else the dust. If all particles have the same mass,
     `relative_mass` is None.
     """
-    snap = _snapshot(scene.initial.file).about_centre()
+    snap = _cached_snapshot(scene.initial.file).about_centre()
     name = "gas" if scene.gas is not None and snap.gas is not None else "dust"
     arrays = _arrays_in_code_units(scene, name, snap.species[name])
     r = np.sqrt((arrays["pos"] ** 2).sum(axis=1))
@@ -330,8 +330,8 @@ def _ring_edges(r: Array) -> Array:
 
 
 def sample_points(scene: Scene) -> SamplePoints:
-    """Return the rings at 10%, 50% and 90% of the particles (see `_rings`), for the preview."""
-    rings = _rings(scene)
+    """Return the rings at 10%, 50% and 90% of the particles (see `_ring_samples`), for the preview."""
+    rings = _ring_samples(scene)
     r, relative = rings.radius, rings.relative_mass
     chosen = [len(r) // 10, len(r) // 2, -1 - len(r) // 10]
     names = [scene.units.show(x, "length") for x in r[chosen]]
@@ -340,14 +340,14 @@ def sample_points(scene: Scene) -> SamplePoints:
 
 
 def sample_all_gas(scene: Scene) -> tuple[SamplePoints, Array]:
-    """Return all rings (see `_rings`), and the relative mass of a particle in each, for the preview."""
-    rings = _rings(scene)
+    """Return all rings (see `_ring_samples`), and the relative mass of a particle in each, for the preview."""
+    rings = _ring_samples(scene)
     return rings, np.ones_like(rings.density) if rings.relative_mass is None else rings.relative_mass
 
 
 def edges(scene: Scene) -> tuple[float, float]:
     """Return the mid radii of the innermost and the outermost ring."""
-    r = _rings(scene).radius
+    r = _ring_samples(scene).radius
     return float(r[0]), float(r[-1])
 
 
@@ -356,7 +356,7 @@ def mass(scene: Scene, population: Any) -> float:
 
     With `population` None, return the mass of all gas; in a scene without gas, the largest mass of the populations.
     """
-    snap = _snapshot(scene.initial.file)
+    snap = _cached_snapshot(scene.initial.file)
     if population is None and scene.gas is not None and snap.gas is not None:
         return float(_arrays_in_code_units(scene, "gas", snap.gas)["mass"].sum())
     arrays = _arrays_in_code_units(scene, "dust", snap.dust)
@@ -370,7 +370,7 @@ def reference_density(scene: Scene) -> float:
 
     With this density, grains keep their stopping times. Raises SceneError if the snapshot's run had no such density.
     """
-    snap, path = _snapshot(scene.initial.file), scene.initial.file.path
+    snap, path = _cached_snapshot(scene.initial.file), scene.initial.file.path
     found = snap.reference_density
     if found is None:
         try:  # written by an earlier version, or the start has none

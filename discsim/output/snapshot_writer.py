@@ -124,7 +124,7 @@ def box_coordinates(pos: Array, lower: Array, upper: Array) -> Array:
 def derived_arrays(scene: Scene, kind: str, particles: Any) -> dict[str, Array]:
     """Return arrays that a snapshot has in addition to the state, by name; only gas has some.
 
-    They are the temperature, in physical units, and u if there is no energy equation.
+    The additional arrays are the temperature, in physical units, and u if there is no energy equation.
     """
     if kind != "gas" or scene.gas is None:
         return {}

@@ -46,15 +46,15 @@ def to_yt(snap: Snapshot, species: str) -> Any:
     data = {}
     for kind, p in _particles_by_kind(snap).items():
         group, fields = GROUPS[kind]
-        arrays = _arrays(p)
+        arrays = _scalar_arrays(p)
         if p is smoothed:  # yt smooths a single type, the one with h and density
             arrays |= _radius_and_density(snap, p)
         names = YT_NAMES | ({"density": "density"} if p is smoothed else {})
         for name, array in arrays.items():
-            unit = "*".join(_unit(snap, p, name, ("code_mass", "code_length", "code_time", "K"))[1])
+            unit = "*".join(_unit_for_tool(snap, p, name, ("code_mass", "code_length", "code_time", "K"))[1])
             plain = fields[name].dataset if name in fields else name
             data[group, names.get(name, plain)] = array, unit
-        for name, vectors in _vectors(p).items():
+        for name, vectors in _vector_arrays(p).items():
             begin, unit = YT_VECTORS[name]
             for axis, array in zip("xyz", vectors.T, strict=True):
                 data[group, begin + axis] = np.ascontiguousarray(array), unit
@@ -76,14 +76,14 @@ def to_pynbody(snap: Snapshot) -> Any:
     made = pynbody.new(order=",".join(counts), **counts)
     for kind, p in kinds.items():
         family = made[pynbody.family.get_family(FAMILIES[kind])]
-        arrays = _arrays(p) | _vectors(p)
+        arrays = _scalar_arrays(p) | _vector_arrays(p)
         if kind != "bodies":
             arrays |= _radius_and_density(snap, p)
             arrays["h"] = arrays["h"] / R_OVER_H
             family["sigma"] = arrays["density"]
             family["sigma"].units = f"{snap.units.cgs('surface_density')!r} g cm**-2"
         for name, array in arrays.items():
-            factor, powers = _unit(snap, p, name, ("g", "cm", "s", "K"))
+            factor, powers = _unit_for_tool(snap, p, name, ("g", "cm", "s", "K"))
             kept = PYNBODY_NAMES.get(name, name)
             family[kept] = array
             family[kept].units = " ".join([f"{factor!r}", *powers]) if powers else "1"
@@ -94,7 +94,7 @@ def to_pynbody(snap: Snapshot) -> Any:
 def to_sarracen(snap: Snapshot, species: str) -> Any:
     """Return a species as a SarracenDataFrame; see `Snapshot.to_sarracen`."""
     sarracen, p = _import_tool(snap, "sarracen"), _particles_of(snap, species)
-    arrays = {"ids": np.arange(p.count)} | _arrays(p) | {name: v[:, :2] for name, v in _vectors(p).items()}
+    arrays = {"ids": np.arange(p.count)} | _scalar_arrays(p) | {name: v[:, :2] for name, v in _vector_arrays(p).items()}
     arrays |= _radius_and_density(snap, p)
     arrays["h"] = arrays["h"] / R_OVER_H
     units = {name: snap.units.cgs(of) for name, of in (("umass", "mass"), ("udist", "length"), ("utime", "time"))}
@@ -126,20 +126,20 @@ def _particles_of(snap: Snapshot, species: str) -> SnapshotParticles:
     return snap.species[species]
 
 
-def _arrays(p: SnapshotParticles) -> dict[str, Array]:
+def _scalar_arrays(p: SnapshotParticles) -> dict[str, Array]:
     """Return the arrays (n,) of particles by name, without h, which `_radius_and_density` returns."""
     held = {name: array for name, array in vars(p).items() if isinstance(array, np.ndarray) and array.ndim == 1}
     held.pop("h", None)
     return held | p.columns
 
 
-def _vectors(p: SnapshotParticles) -> dict[str, Array]:
+def _vector_arrays(p: SnapshotParticles) -> dict[str, Array]:
     """Return the arrays "pos" and "vel" with shape (n, 3), z = 0; "vel" is left out if it was not read."""
     held = {"pos": p.pos, "vel": p.vel}
     return {name: np.pad(array, ((0, 0), (0, 1))) for name, array in held.items() if array is not None}
 
 
-def _unit(snap: Snapshot, p: SnapshotParticles, name: str, bases: tuple[str, ...]) -> tuple[float, list[str]]:
+def _unit_for_tool(snap: Snapshot, p: SnapshotParticles, name: str, bases: tuple[str, ...]) -> tuple[float, list[str]]:
     """Return the unit of the array `name` for tools in 3D: its factor to cgs, and its powers of `bases` like "g**1".
 
     `bases` are the names of units of mass, length, time and temperature.

@@ -16,7 +16,7 @@ Array = np.ndarray
 
 def central_mask(scene: Scene) -> Array:
     """Return a mask (n,) of the bodies in the central mass of the disc; entry 0 is the star, then come companions."""
-    return centre.central(scene.star.centre, [c.eccentricity for c in scene.table("companion") or ()])
+    return centre.central_flags(scene.star.centre, [c.eccentricity for c in scene.table("companion") or ()])
 
 
 def central_mass(scene: Scene) -> float:

@@ -39,7 +39,7 @@ SPACINGS_STREAM, SPACINGS_PASSING, SPACINGS_EMBEDDED = 2.0, 1.2, 0.5
 REACH_OF_PLANET, REACH_OF_STAR = 1.3, 0.65
 
 
-def ramped(companion: Any, time: float) -> float:
+def ramp_fraction(companion: Any, time: float) -> float:
     """Return the fraction of a companion's mass that acts on gas and dust: sin^2(pi t / 2 ramp) until `ramp`, then 1.
 
     time: time t since the companion was added to the run.
@@ -112,7 +112,8 @@ def encounter_limits(scene: Scene, outlook: ForecastState) -> list[float]:
     """
     found = []
     for companion in scene.table("companion") or ():
-        mass, away = companion.mass * ramped(companion, outlook.time), _nearest_distance(scene, companion, outlook)
+        mass = companion.mass * ramp_fraction(companion, outlook.time)
+        away = _nearest_distance(scene, companion, outlook)
         fallen = math.sqrt(2.0 * mass / away)
         behind = 0.5 * scene.run.courant * orbits.IN_KICKS * scene.star.mass / companion.semi_major_axis**2
         near = mass > 0.0 and away < math.inf
@@ -130,14 +131,14 @@ def fastest_in_softening(scene: Scene, outlook: ForecastState) -> tuple[float, i
     for k, companion in enumerate(scene.table("companion") or (), 1):
         away = _nearest_distance(scene, companion, outlook)
         if _cleared_radius(companion) < softening(scene, companion, companion.semi_major_axis):
-            found.append((math.sqrt(2.0 * companion.mass * ramped(companion, outlook.time) / away**3), k))
+            found.append((math.sqrt(2.0 * companion.mass * ramp_fraction(companion, outlook.time) / away**3), k))
     return max(found)
 
 
 def _cleared_radius(companion: Any) -> float:
-    """Return the radius of the region around a companion without particles.
+    """Return the radius of the region, around a companion, that has no particles.
 
-    It is the accretion radius, or 0 if accretion takes time (accretion_rate).
+    The result is the accretion radius, or 0 if accretion takes time (accretion_rate).
     """
     return float(companion.accretion_radius) if companion.accretion_rate is None else 0.0
 
@@ -183,10 +184,10 @@ def particles_reach(scene: Scene, companion: Any, outlook: ForecastState) -> boo
 def mean_pull(scene: Scene, radius: Array) -> Array:
     """Return the mean inward acceleration (n,) by companions at `radius` (n,) at t = 0, eq. (1).
 
-    The total acceleration is this plus the acceleration by a star at the centre. Orbits are treated as circles with the
-    semi-major axis as radius, and unbound companions have no mean pull. If the centre of the disc is the barycentre,
-    the star too moves on a circle; the result includes the change of its pull, and a companion with a ramp acts with
-    its full mass at the barycentre. If the centre is the star, a companion with a ramp does not act.
+    The total acceleration is the result plus the acceleration by a star at the centre. Orbits are treated as circles
+    with the semi-major axis as radius, and unbound companions have no mean pull. If the centre of the disc is the
+    barycentre, the star too moves on a circle; the result includes the change of its pull, and a companion with a
+    ramp acts with its full mass at the barycentre. If the centre is the star, a companion with a ramp does not act.
     """
     radius = np.asarray(radius, dtype=float)
     rings = list(_mean_rings(scene))
@@ -208,7 +209,7 @@ def _mean_rings(scene: Scene) -> Any:
         mass, distance = companion.mass, companion.semi_major_axis
         if companion.eccentricity >= 1.0:
             continue
-        if ramped(companion, 0.0) == 0.0:
+        if ramp_fraction(companion, 0.0) == 0.0:
             if central:
                 yield mass, 0.0, scene.star.softening
             continue

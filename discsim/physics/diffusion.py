@@ -30,7 +30,7 @@ def is_viscosity(scene: Scene) -> bool:
     return keys.alpha is None and keys.D is None
 
 
-def constant(scene: Scene) -> float | None:
+def uniform_diffusivity(scene: Scene) -> float | None:
     """Return the uniform diffusivity of a scene, D of [dust_diffusion] or nu of [alpha_viscosity].
 
     Returns None if the diffusivity of the gas is alpha c_s H.
@@ -40,7 +40,7 @@ def constant(scene: Scene) -> float | None:
 
 
 def alpha(scene: Scene, r: Array) -> Array:
-    """Return alpha (n,) at radii `r` (n,), for scenes in which `constant` returns None."""
+    """Return alpha (n,) at radii `r` (n,), for scenes in which `uniform_diffusivity` returns None."""
     keys = scene.table("dust_diffusion")
     return viscosity.alpha(scene, r) if is_viscosity(scene) else np.full(np.shape(r), keys.alpha)
 
@@ -48,10 +48,10 @@ def alpha(scene: Scene, r: Array) -> Array:
 def alpha_table(scene: Scene) -> tuple[Array, float, float]:
     """Return (table, first, nodes) of alpha as a function of ln r.
 
-    table (nodes, 2): alpha and d alpha / d ln r at equidistant ln r; no rows if the diffusivity is uniform. first:
-    ln r of the first node. nodes: number of nodes per unit of ln r.
+    table (n, 2): alpha and d alpha / d ln r at equidistant ln r; no rows if the diffusivity is uniform. first: ln r
+    of the first node. nodes: number of nodes per unit of ln r.
     """
-    if constant(scene) is not None:
+    if uniform_diffusivity(scene) is not None:
         return np.empty((0, 2)), 0.0, 1.0
     last = np.log(max(scene.space.size))
     log = np.linspace(last - np.log(INWARDS), last, NODES)
@@ -67,7 +67,7 @@ def frequency(scene: Scene) -> float:
 def diffusivities(scene: Scene, at: GasSamples) -> list[tuple[Array, Array]]:
     """Return (D, St), arrays (n,) at the points of `at`, for each population; an empty list if they are undefined."""
     omega = np.full_like(at.density, frequency(scene)) if at.omega is None else at.omega
-    given = constant(scene)
+    given = uniform_diffusivity(scene)
     if scene.table("dust_diffusion").D is not None:
         return [(np.full_like(at.density, given), np.zeros_like(at.density))] * len(scene.dust or ())
     if given is not None:

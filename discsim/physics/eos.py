@@ -127,7 +127,7 @@ class Eos:
     one_speed : bool
         Whether the sound speed is the same everywhere and at all times.
     on_grid : bool
-        Whether drag schemes on a fixed grid support it.
+        Whether drag schemes on a fixed grid support this equation of state.
     takes_temperature : bool
         Whether a start may define the temperature instead of the table.
     rules : tuple of Rule
@@ -148,9 +148,9 @@ class Eos:
         density: needed only if the temperature depends on it.
         """
         own = _speed_of_start(scene, r) if self.takes_temperature else None
-        return self.scene_speed(scene, r) if own is None else own
+        return self.table_thermal_speed(scene, r) if own is None else own
 
-    def scene_speed(self, scene: Scene, r: Array) -> Array:
+    def table_thermal_speed(self, scene: Scene, r: Array) -> Array:
         """Return sqrt(P / rho) from the temperature of the table, even if the start defines another temperature."""
         return _speed_of_temperature(scene, r)
 
@@ -256,7 +256,7 @@ class AdiabaticGas(Eos):
     holds_heat = closes_energy = on_grid = takes_temperature = True
     rules = (_temperature_problems,)
 
-    def scene_speed(self, scene: Scene, r: Array) -> Array:
+    def table_thermal_speed(self, scene: Scene, r: Array) -> Array:
         eos: Any = scene.gas.eos
         speed = _speed_of_temperature(scene, r)
         return speed if eos.aspect_ratio is not None else speed / np.sqrt(eos.gamma)

@@ -63,7 +63,7 @@ class PrescribedDisc:
     def table(self) -> tuple[Array, float, float]:
         """Return (table, first, nodes) of the disc as functions of ln r.
 
-        table (nodes, 5): ln Sigma, ln c_T^2, g = f c_T^2, dg / d ln r and the radial velocity v_r at equidistant ln r;
+        table (n, 5): ln Sigma, ln c_T^2, g = f c_T^2, dg / d ln r and the radial velocity v_r at equidistant ln r;
         no rows for power laws without viscosity. first: ln r of the first node. nodes: number of nodes per unit of
         ln r.
         """

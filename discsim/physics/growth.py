@@ -48,14 +48,14 @@ def small_ratio_at(scene: Scene, r: Array, dust_share: Callable[[Array], Array] 
     return np.where(has_dust, small_ratio(scene), 0.0) * (1.0 if dust_share is None else dust_share(r))
 
 
-def small_dust_in_mass(scene: Scene) -> bool:
+def gas_mass_includes_small_dust(scene: Scene) -> bool:
     """Return whether the mass of gas particles includes the small dust that they carry."""
     return scene.table("growth") is not None and scene.drag is not None and scene.drag.direction == "two-way"
 
 
 def gas_fraction(scene: Scene, gas: Gas, rows: slice = slice(None)) -> Array | float:
     """Return the mass fraction (n,) of gas without small dust in the gas particles `rows`; 1 with one-way drag."""
-    return 1.0 - gas.small[rows] / gas.mass[rows] if small_dust_in_mass(scene) else 1.0
+    return 1.0 - gas.small[rows] / gas.mass[rows] if gas_mass_includes_small_dust(scene) else 1.0
 
 
 def alpha(scene: Scene, r: Array, speed2: Array, omega: Array) -> Array:

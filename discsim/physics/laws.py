@@ -36,7 +36,7 @@ class StoppingTimeLaw:
     value : callable (scene, population)
         Returns the main parameter of a dust population: K, t_stop, St or, for Epstein's law, t_stop c_s rho_g.
     key : str
-        Key of [drag] that the law needs. It is an error with laws that need another key.
+        Key of [drag] that the law needs. Giving the key is an error with laws that need another key.
     of_grains : bool
         Whether the law depends on grain size and grain density.
     orbits : tuple of int
@@ -46,7 +46,8 @@ class StoppingTimeLaw:
     rules : tuple of Rule
         Additional rules for a scene with this law.
     uniform_rate : callable (drag, eps, rho_g), optional
-        Returns eps / t_stop in uniform gas and dust, from the table [drag]. None if the table does not determine it.
+        Returns eps / t_stop in uniform gas and dust, from the table [drag]. None if the table does not determine
+        this rate.
     uniform_time : callable (drag), optional
         Returns t_stop from the table [drag]. None if t_stop depends on the gas.
     """
@@ -83,7 +84,7 @@ class SceneLaw:
         self.nonlinear = drag.supersonic or law.needs_mean_free_path
         self.populations = len(scene.dust or ())
         self.several = True if self.populations > 1 else None  # None: kernels compile no branch for it
-        self.grains = np.array([_grain(scene, law, population) for population in scene.dust or ()])
+        self.grains = np.array([_grain_parameters(scene, law, population) for population in scene.dust or ()])
         self.typical = np.array([typical_size(dust) if law.of_grains else 1.0 for dust in scene.dust or ()])
 
     def rows(self, species: Array, size: Array) -> Array:
@@ -102,7 +103,7 @@ class SceneLaw:
         return kernels.stopping_times(self.code, self.grains[population], ratios, density, sound, omega)
 
 
-def _grain(scene: Scene, law: StoppingTimeLaw, population: Any) -> list[float]:
+def _grain_parameters(scene: Scene, law: StoppingTimeLaw, population: Any) -> list[float]:
     """Return the parameters of a dust population, a row of `SceneLaw.grains`."""
     value, faster = law.value(scene, population), formulas.KWOK * scene.drag.supersonic
     if not law.needs_mean_free_path:
@@ -138,7 +139,7 @@ def _epstein_value(scene: Scene, population: Any) -> float:
 
 
 def _value_of_key(key: str) -> Callable[[Scene, Any], float]:
-    """Return a function for `DragLaw.value` that returns the key `key` of [drag]."""
+    """Return a function for `StoppingTimeLaw.value` that returns the key `key` of [drag]."""
     return lambda scene, population: getattr(scene.drag, key)
 
 

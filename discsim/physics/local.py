@@ -132,7 +132,10 @@ class GasSamples:
         return place if place == "everywhere" else f"at {place}"
 
     def smallest(self, steps: Array, where: str = "") -> Expected:
-        """Return the smallest of the time-step limits `steps` (n,); where: its place, by default that of the point."""
+        """Return the smallest of the time-step limits `steps` (n,).
+
+        where: place of the limit as text, by default the place of the sample point.
+        """
         worst = int(np.argmin(steps))
         return Expected(float(steps[worst]), where or self.where(worst))
 

@@ -43,7 +43,7 @@ import numpy as np
 from discsim.exact import kepler
 from discsim.numerics.bodies import Bodies
 from discsim.physics.centre import central_mask
-from discsim.physics.companions import ramped
+from discsim.physics.companions import ramp_fraction
 from discsim.physics.radiation import gravity_factor
 
 if TYPE_CHECKING:
@@ -147,10 +147,10 @@ class ContinuedBody(NamedTuple):
 class Orbits:
     """Equations of motion of the star and companions of a scene, eqs. (1) to (4).
 
-    Arrays and lists have an entry for each companion. feels: names of the sources that accelerate it. live: whether
-    its orbit is live. felt_by_star: names of the sources that accelerate the star. recoil: 1.0 if companions accelerate
-    the star, else 0.0. inertial: whether the frame is inertial. central: whether the companion is part of the central
-    mass. orbits: semi-major axis, eccentricity and phase. fixed_mu: GM of the orbit.
+    Arrays and lists have an entry for each companion. feels: names of the sources that accelerate the companion.
+    live: whether the orbit is live. felt_by_star: names of the sources that accelerate the star. recoil: 1.0 if
+    companions accelerate the star, else 0.0. inertial: whether the frame is inertial. central: whether the companion
+    is part of the central mass. orbits: semi-major axis, eccentricity and phase. fixed_mu: GM of the orbit.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -187,7 +187,7 @@ class Orbits:
             bodies.pos[k + 1], bodies.vel[k + 1] = found[:2], found[2:]
         if self.star.centre == "barycentre":
             weight = self._central_weights(bodies)
-            away = _sum(weight, bodies.pos[1:]), _sum(weight, bodies.vel[1:])
+            away = _weighted_sum(weight, bodies.pos[1:]), _weighted_sum(weight, bodies.vel[1:])
             bodies.pos -= away[0]
             bodies.vel -= away[1]
         self.set_bodies(bodies, 0.0)
@@ -202,12 +202,12 @@ class Orbits:
             return np.zeros(2), np.zeros(2)
         _, weight = self._weights(bodies.mass)
         r, v = bodies.pos[1:] - bodies.pos[0], bodies.vel[1:] - bodies.vel[0]
-        return -_sum(weight, r), -_sum(weight, v)
+        return -_weighted_sum(weight, r), -_weighted_sum(weight, v)
 
     def drift(self, bodies: Bodies, time: float, dt: float) -> tuple[Array, Array]:
-        """Drift `bodies` in place from `time` over dt, eq. (1), and return the motion of gas and dust with the frame.
+        """Drift `bodies` in place over dt, eq. (1); return what the acceleration of the frame adds to gas and dust.
 
-        The result is a displacement (2,), to be added to motion on straight lines, and a velocity change (2,). Ramps
+        The result is a displacement (2,), in addition to motion on straight lines, and a velocity change (2,). Ramps
         are evaluated at the middle of dt.
         """
         mu, weight = self._weights(bodies.mass)
@@ -219,11 +219,11 @@ class Orbits:
             new_r[k], new_v[k] = found[:2], found[2:]
         shift, change = new_r - r - dt * v, new_v - v
         if self.inertial:
-            bodies.pos[0] += dt * bodies.vel[0] - _sum(weight, shift)
-            bodies.vel[0] -= _sum(weight, change)
+            bodies.pos[0] += dt * bodies.vel[0] - _weighted_sum(weight, shift)
+            bodies.vel[0] -= _weighted_sum(weight, change)
         bodies.pos[1:], bodies.vel[1:] = bodies.pos[0] + new_r, bodies.vel[0] + new_v
         factors = -weight * self._frame_factors(self._ramps(bodies, time + 0.5 * dt))
-        return _sum(factors, shift), _sum(factors, change)
+        return _weighted_sum(factors, shift), _weighted_sum(factors, change)
 
     def set_bodies(self, bodies: Bodies, time: float) -> None:
         """Set `bodies` at `time`: masses, companions on fixed orbits, and the gravity on gas and dust, eqs. (3), (4).
@@ -237,15 +237,15 @@ class Orbits:
         ramp, mass = self._ramps(bodies, time), bodies.mass[1:]
         inside = np.where(self.central, 1.0 - ramp, 0.0)  # share of the mass that is still at the star
         bodies.felt = np.array([bodies.mass[0] + (inside * mass).sum(), *(ramp * mass)])
-        bodies.shift = _sum(inside * self._central_weights(bodies), bodies.pos[1:] - bodies.pos[0])
+        bodies.shift = _weighted_sum(inside * self._central_weights(bodies), bodies.pos[1:] - bodies.pos[0])
 
     def frame_acceleration(self, bodies: Bodies, beyond_drift: bool) -> Array:
         """Return the acceleration (2,) of gas and dust by the motion of the frame.
 
-        beyond_drift: whether to exclude the part that the drift contains.
+        beyond_drift: whether to exclude the part of the acceleration that the drift contains.
         """
         pulls = self._frame_factors(bodies.felt[1:] / bodies.mass[1:]) * self._pulls_on_star(bodies, beyond_drift)
-        found = _sum(pulls, _inverse_squares(bodies.pos[1:] - bodies.pos[0]))
+        found = _weighted_sum(pulls, _inverse_squares(bodies.pos[1:] - bodies.pos[0]))
         return found if self.inertial else found - self._pull_of_disc(bodies, 0, self.felt_by_star)
 
     def accelerate(self, bodies: Bodies) -> None:
@@ -254,14 +254,16 @@ class Orbits:
         r = bodies.pos[1:] - bodies.pos[0]
         to = _inverse_squares(r)  # from the star to the companions
         by_disc = self._pull_of_disc(bodies, 0, self.felt_by_star)
-        bodies.acc[:] = by_disc + _sum(self._pulls_on_star(bodies, beyond_drift=True), to) if self.inertial else 0.0
+        bodies.acc[:] = (
+            by_disc + _weighted_sum(self._pulls_on_star(bodies, beyond_drift=True), to) if self.inertial else 0.0
+        )
         ramp = bodies.felt[1:] / mass
         for k in np.flatnonzero(self.live).tolist():
             others = np.arange(len(r)) != k
             kick = ramp[k] * (self._pull_of_disc(bodies, k + 1, self.feels[k]) - by_disc)
-            kick -= _sum(recoil * mass[others], to[others])
+            kick -= _weighted_sum(recoil * mass[others], to[others])
             if "companions" in self.feels[k]:
-                kick += _sum(mass[others], _inverse_squares(r[others] - r[k]))
+                kick += _weighted_sum(mass[others], _inverse_squares(r[others] - r[k]))
             if "star" not in self.feels[k]:
                 kick -= recoil * mass[k] * to[k]
             bodies.acc[k + 1] += kick
@@ -280,7 +282,10 @@ class Orbits:
         return longest
 
     def _pull_of_disc(self, bodies: Bodies, number: int, felt: Iterable[str]) -> Array:
-        """Return the acceleration (2,) of the body `number` by those of gas and dust that are in `felt`."""
+        """Return the acceleration (2,) of the body `number` by gas and dust.
+
+        A species counts only if `felt` contains its name.
+        """
         return bodies.pulled[number][[name in felt for name in ("gas", "dust")]].sum(axis=0)
 
     def _fixed_orbit(self, bodies: Bodies, k: int, time: float) -> kepler.Motion:
@@ -297,7 +302,9 @@ class Orbits:
 
     def _ramps(self, bodies: Bodies, time: float) -> Array:
         """Return f_k (n,) of eqs. (3) and (4) at a time."""
-        return np.array([ramped(c, time - begun) for c, begun in zip(self.companions, bodies.begun[1:], strict=True)])
+        return np.array(
+            [ramp_fraction(c, time - begun) for c, begun in zip(self.companions, bodies.begun[1:], strict=True)]
+        )
 
     def _frame_factors(self, ramp: Array) -> Array:
         """Return the motion of gas and dust in the frame of the run as a fraction of the star's motion.
@@ -309,7 +316,7 @@ class Orbits:
     def _pulls_on_star(self, bodies: Bodies, beyond_drift: bool) -> Array:
         """Return the pull of each companion on the star as GM (n,).
 
-        beyond_drift: whether to exclude the part that the drift contains.
+        beyond_drift: whether to exclude the part of the pull that the drift contains.
         """
         pull = self.recoil * bodies.mass[1:]
         if not beyond_drift:
@@ -318,7 +325,10 @@ class Orbits:
         return pull - weight * mu
 
     def _central_weights(self, bodies: Bodies) -> Array:
-        """Return w_k (n,) of eq. (1) for companions in the central mass, with a sum over these only; 0 for others."""
+        """Return w_k (n,) of eq. (1) for companions in the central mass; 0 for other companions.
+
+        The sum in w_k is over companions in the central mass only.
+        """
         return np.where(self.central, self._weights(bodies.mass, self.central)[1], 0.0)
 
     def _weights(self, mass: Array, among: Array | bool = True) -> tuple[list[float], Array]:
@@ -334,7 +344,7 @@ class Orbits:
         return mu.tolist(), np.where(mu > 0.0, weight, 0.0)
 
 
-def _sum(weight: Array, vectors: Array) -> Array:
+def _weighted_sum(weight: Array, vectors: Array) -> Array:
     """Return sum_k w_k x_k (2,) of vectors (n, 2)."""
     return np.asarray((weight[:, None] * vectors).sum(axis=0))
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def gravity_factor(scene: Scene) -> np.ndarray:
-    """Return 1 - beta (populations,), the factor by which radiation reduces the gravity on each dust population."""
+    """Return 1 - beta (populations,), the factor by which radiation multiplies the gravity on each dust population."""
     count = len(scene.dust or ())
     if scene.radiation_pressure is None:
         return np.ones(count)

@@ -44,7 +44,7 @@ STEP = 1e-4  # step in ln r of the fourth-order finite differences in (4)
 # disordered ones up to 14. The largest Courant factor, 0.72 (`scene/rules.py`), raises the constant to 25.
 STEP_CONSTANT = 18.0
 BALSARA_FACTOR = 0.25  # factor of Balsara's switch in shear
-# Number of neighbours to which `Smoothing.noise` refers, and exponent of its decrease with this number.
+# Number of neighbours to which `KernelConstants.noise` refers, and exponent of its decrease with this number.
 NOISE_NEIGHBOURS, NOISE_POWER = 36.0, 1.1
 QUIET_NOISE, QUIET_TIME = 0.03, 10.0  # quiet gas: fraction of noise left at share = 1, for time = QUIET_TIME
 
@@ -97,8 +97,8 @@ def radial_flow(
 ) -> Array:
     """Return the radial velocity (n,) of a viscous disc at radii `r` (n,), eq. (4); Sigma must not be 0.
 
-    surface_density, thermal_speed: functions that return these quantities (n,) at radii (n,). Both must be smooth: the
-    relative error of the derivative is about (STEP r / l)^4 if they vary over a length l.
+    surface_density, thermal_speed: functions that return these quantities (n,) at radii (n,). Both functions must be
+    smooth: the relative error of the derivative is about (STEP r / l)^4 for functions that vary over a length l.
     """
 
     def torque(radius: Array) -> Array:

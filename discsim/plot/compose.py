@@ -159,7 +159,7 @@ def _picture_panel(
 def profile_panels(
     snaps: Sequence[Snapshot], names: Sequence[Sequence[str]], titles: Sequence[str], display: DisplayOptions
 ) -> list[list[Panel]]:
-    """Return the panels of profiles. Each has the curves of all runs for the fields in one entry of `names`.
+    """Return the panels of profiles. Each panel has the curves of all runs for the fields in one entry of `names`.
 
     `titles` are the names of the runs for the legend.
     """
@@ -246,7 +246,7 @@ def note_lines(
     """Return the line below the title as a list, which is empty if there is nothing to note.
 
     The line has wavelength and opacity, the distance, and the flux of each picture of the field "emission". For the
-    latter, `pictures_by_run` has for each run its pictures by field.
+    flux, `pictures_by_run` has for each run its pictures by field.
     """
     notes = []
     if {"emission", "optical_depth"} & set(names):

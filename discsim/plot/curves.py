@@ -50,7 +50,7 @@ def finish_profile(axes: Axes, snap: Snapshot, names: Sequence[str], display: Di
     axes.set_ylabel(field.text(snap.units, of_all=len(names) > 1))
     shown = [y[np.isfinite(y)] for y in (np.asarray(line.get_ydata(), dtype=float) for line in axes.lines)]
     peaks = [y.max() for y in shown if y.size]
-    if field.scale == "log" and peaks and _decades(shown) > 0.3:
+    if field.scale == "log" and peaks and _decades_spanned(shown) > 0.3:
         axes.set_yscale("log")
         if field.kind == "density":  # a lone particle must not determine the scale
             axes.set_ylim(bottom=max(axes.get_ylim()[0], min(peaks) * 10**-MAX_DECADES))
@@ -65,7 +65,7 @@ def finish_profile(axes: Axes, snap: Snapshot, names: Sequence[str], display: Di
         axes.legend(frameon=False, fontsize=9)
 
 
-def _decades(shown: Sequence[Array]) -> float:
+def _decades_spanned(shown: Sequence[Array]) -> float:
     """Return log10 of the largest over the smallest value; 0 if some value is not positive."""
     values = np.concatenate(shown)
     return float(np.log10(values.max() / values.min())) if values.size and values.min() > 0 else 0.0

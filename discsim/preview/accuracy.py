@@ -44,10 +44,10 @@ def accuracy_rows(scene: Scene) -> list[tuple[str, str]]:
     if scene.initial is None:
         return []
     with np.errstate(all="ignore"):  # infinities are shown as they are
-        return list(_rows(scene, gas_at_start(scene)))
+        return list(_error_rows(scene, gas_at_start(scene)))
 
 
-def _rows(scene: Scene, at: GasSamples) -> Iterator[tuple[str, str]]:
+def _error_rows(scene: Scene, at: GasSamples) -> Iterator[tuple[str, str]]:
     """Yield the rows of `accuracy`: stored errors of runs with the same settings, then estimates."""
     for run in _stored_errors():
         if run["scene"] == digest(scene):

@@ -32,7 +32,7 @@ from discsim.scene.units import Units
 
 if TYPE_CHECKING:
     from discsim.drag.base import CellSizes
-    from discsim.drag.width import Width
+    from discsim.drag.width import CellWidth
 
 drag_width = Lazy("discsim.drag.width")
 Array = np.ndarray
@@ -240,7 +240,7 @@ def drag_cell_sides(scene: Scene, at: GasSamples) -> Array | None:
     if drag is None or cells is None or not scene.gas or at.h is None or of_grid is None:
         return None
     cell, shape = of_grid
-    least_leaf, width = drag.cell_length, drag_width.Width(scene)
+    least_leaf, width = drag.cell_length, drag_width.CellWidth(scene)
     if least_leaf is None:
         mean, least = _mean_and_min_length(scene, width)
         least_leaf = cells.leaf(scene, width.number, lambda: mean, least)
@@ -260,7 +260,7 @@ def drag_cell_sides(scene: Scene, at: GasSamples) -> Array | None:
 def drag_cell_counts(scene: Scene, at: GasSamples, side: Array) -> tuple[Array, Array]:
     """Return the mean numbers (n,) of gas and of dust particles in a drag cell at each of the sample points `at`.
 
-    side (n,): side of this cell.
+    side (n,): sides of the cells.
     """
     assert scene.gas is not None
     mass = at.density * side**scene.space.dimensions
@@ -277,7 +277,7 @@ def _is_within(population: Any, at: GasSamples) -> Array | bool:
     return at.radius is None or (at.radius >= (population.inner or 0.0)) & (at.radius <= (population.outer or math.inf))
 
 
-def _limit_lengths(width: Width, radius: Array | None, h: Array) -> Array:
+def _limit_lengths(width: CellWidth, radius: Array | None, h: Array) -> Array:
     """Return the smoothing lengths (n,) that set the size of drag cells: `h` (n,), limited by H at each radius (n,).
 
     If `radius` is None, `h` is returned unchanged.
@@ -285,7 +285,7 @@ def _limit_lengths(width: Width, radius: Array | None, h: Array) -> Array:
     return h if radius is None else width.limited_lengths_at(radius, h)
 
 
-def _mean_and_min_length(scene: Scene, width: Width) -> tuple[float, float]:
+def _mean_and_min_length(scene: Scene, width: CellWidth) -> tuple[float, float]:
     """Return geometric mean and minimum, over all gas, of the smoothing lengths that set the size of drag cells."""
     points, weight = start_of(scene).sample_all_gas(scene)
     h = _smoothing_lengths(scene, points)

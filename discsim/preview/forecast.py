@@ -1,9 +1,10 @@
 """Forecast of a run: number of steps, CPU time and memory.
 
 The module of each effect and drag scheme has reference costs: CPU nanoseconds per step and per particle, cell or
-neighbour. They are results of `python analysis/throughput.py`, except those of drag between pairs and of [background],
-which are from `costs.csv` of runs. Each long run stores the slowness of its machine (`store_slowness`): its CPU time,
-divided by the CPU time according to the reference costs. Forecasts multiply by the slowness of the last long runs.
+neighbour. The costs are results of `python analysis/throughput.py`, except those of drag between pairs and of
+[background], which are from `costs.csv` of runs. Each long run stores the slowness of its machine
+(`store_slowness`): its CPU time, divided by the CPU time according to the reference costs. Forecasts multiply by the
+slowness of the last long runs.
 """
 
 from __future__ import annotations
@@ -44,8 +45,8 @@ MAX_STORED_ELSEWHERE = 50  # largest number of stored runs of other machines wit
 class Steps(NamedTuple):
     """Number of steps of a run, and the effect that limits most of them.
 
-    limiter: name of this effect, or "run.timestep". where: where its limit is shortest, as text, like "at 12 au".
-    share: fraction of the steps that this effect limits.
+    limiter: name of this effect, or "run.timestep". where: place at which its limit is shortest, as text, like "at
+    12 au". share: fraction of the steps that this effect limits.
     """
 
     number: float
@@ -201,9 +202,9 @@ def slowness() -> float:
 def store_slowness(scene: Scene, steps: int, cpu_seconds: float, wall_seconds: float) -> None:
     """Store the slowness of this machine for later forecasts, if the finished run can measure it.
 
-    Such a run is long, rarely waits for other processes, and spends most CPU time on particles and cells. steps,
-    cpu_seconds: number of steps and CPU time of all steps. wall_seconds: wall time of the whole run. Nothing is stored
-    if the cache cannot be written.
+    A run can measure the slowness if it is long, rarely waits for other processes, and spends most CPU time on
+    particles and cells. steps, cpu_seconds: number of steps and CPU time of all steps. wall_seconds: wall time of
+    the whole run. Nothing is stored if the cache cannot be written.
     """
     if scene.initial is None or cpu_seconds < MIN_CPU_SECONDS or cpu_seconds < MIN_CPU_FRACTION * wall_seconds:
         return

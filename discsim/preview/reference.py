@@ -18,7 +18,7 @@ from discsim.parts import EFFECTS, SCHEMES
 from discsim.printable import UserError
 from discsim.scene import fields
 from discsim.scene.fields import Default, Table, measure_of, models_in
-from discsim.scene.messages import near
+from discsim.scene.messages import nearest_hint
 from discsim.scene.tables import TABLES
 from discsim.scene.units import clipped
 
@@ -30,7 +30,7 @@ COLUMN_WIDTHS = (22, 20, 18, 46)
 class Section(NamedTuple):
     """Reference of one table of a scene, or of one kind of this table.
 
-    kind: the kind; "" if the table has no kinds. rows: an entry for each of COLUMNS, for each key.
+    kind: the kind; "" if the table has no kinds. rows: one row for each key, with one entry for each of COLUMNS.
     """
 
     table: str
@@ -50,7 +50,9 @@ def effects_text(name: str | None = None) -> str:
         return "\n\n".join([*map(_table_text, EFFECTS), "Tables that set up a run", *map(_table_text, SETUP_TABLES)])
     known = [*EFFECTS, *SETUP_TABLES]
     if name not in known:
-        raise UserError(f"{clipped(name)}: unknown table; expected one of {', '.join(known)}{near(name, known)}")
+        raise UserError(
+            f"{clipped(name)}: unknown table; expected one of {', '.join(known)}{nearest_hint(name, known)}"
+        )
     return _table_text(name)
 
 
@@ -137,9 +139,10 @@ def _row_lines(row: Iterable[str]) -> Iterator[str]:
 
 
 def _sections(name: str, annotation: Any) -> Iterator[Section]:
-    """Yield the sections for the table `name`: one for each of its kinds, each followed by those of tables inside it.
+    """Yield the sections for the table `name`.
 
-    annotation: type of the table, with one model or several kinds.
+    Each kind of the table has a section, which is followed by the sections of tables inside this kind. annotation: type
+    of the table, with one model or several kinds.
     """
     models = models_in(annotation)
     for model in models:

@@ -92,7 +92,7 @@ class Comm:
         return received
 
     def alltoallw(self, sent: Array, sent_parts: list[Array], received: Array, received_parts: list[Array]) -> None:
-        """Send one part of the array `sent` to each rank, and fill one part of the array `received` from each.
+        """Send one part of the array `sent` to each rank, and receive one part of the array `received` from each rank.
 
         sent_parts, received_parts: views of `sent` and of `received`, one for each rank. A view has consecutive rows of
         its array, or a range of the second axis. MPI packs and unpacks the views: copies to contiguous blocks took
@@ -114,7 +114,7 @@ class Comm:
 
 
 class Route:
-    """Selection of rows of this rank that are sent to each rank, for repeated exchanges of such rows of arrays.
+    """Selection of rows of this rank's arrays to send to each rank, for repeated exchanges of the same rows.
 
     rows: indices of the selected rows, by target rank. send_counts, receive_counts (ranks,): number of rows sent to
     each rank, and received from each rank.
@@ -150,18 +150,18 @@ class Route:
         """
         widths = [_row_bytes(array) for array in arrays]
         sent = np.empty(len(self.rows) * sum(widths), np.uint8)
-        for (begin, count), *blocks in self._blocks(self.send_counts, widths, sent):
+        for (begin, count), *blocks in self._blocks_by_rank(self.send_counts, widths, sent):
             rows = self.rows[begin : begin + count]
             for array, block in zip(arrays, blocks, strict=True):
                 np.take(array, rows, axis=0, out=_view_as_rows(array, block), mode="clip")
         message = self.comm.alltoallv(sent.reshape(-1, sum(widths)), self.send_counts, self.receive_counts)
         received = [np.empty((self.count, *a.shape[1:]), a.dtype) for a in arrays] if into is None else into
-        for (begin, count), *blocks in self._blocks(self.receive_counts, widths, message.reshape(-1)):
+        for (begin, count), *blocks in self._blocks_by_rank(self.receive_counts, widths, message.reshape(-1)):
             for array, block in zip(received, blocks, strict=True):
                 array[begin : begin + count] = _view_as_rows(array, block)
         return received
 
-    def _blocks(self, counts: Array, widths: list[int], message: Array) -> Iterator[tuple[Any, ...]]:
+    def _blocks_by_rank(self, counts: Array, widths: list[int], message: Array) -> Iterator[tuple[Any, ...]]:
         """Yield (first row, number of rows) of each rank that has rows, followed by the block of each array's bytes.
 
         Blocks are views of `message`, the bytes for all ranks. counts: number of rows of each rank. widths: bytes in a
@@ -209,12 +209,12 @@ def _offset_bytes(view: Array, array: Array) -> int:
 def _datatype_of_view(view: Array, array: Array) -> MPI.Datatype:
     """Return the MPI datatype of a view of an array: consecutive rows, or a range of columns."""
     if view.flags.c_contiguous:
-        return _datatype(view.dtype.char, 1, view.size, view.size)
-    return _datatype(view.dtype.char, len(view), view[0].size, array[0].size)
+        return _datatype_of_blocks(view.dtype.char, 1, view.size, view.size)
+    return _datatype_of_blocks(view.dtype.char, len(view), view[0].size, array[0].size)
 
 
 @cache
-def _datatype(code: str, count: int, length: int, stride: int) -> MPI.Datatype:
+def _datatype_of_blocks(code: str, count: int, length: int, stride: int) -> MPI.Datatype:
     """Return the MPI datatype of `count` blocks of `length` numbers, whose beginnings are `stride` numbers apart.
 
     code: numpy's character for the type of a number. Types are cached and never freed, as a run needs only a few. An

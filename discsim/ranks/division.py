@@ -135,8 +135,8 @@ class Division:
     def distribute(self, state: State) -> None:
         """Send all particles to the ranks that own the tiles of their positions, at the start of a run. Collective.
 
-        Before, each rank has a range of the rows of all particles, in the order of ranks. The order of these rows
-        becomes the global order.
+        Before the call, each rank has a range of the rows of all particles, in the order of ranks. The order of
+        these rows becomes the global order.
         """
         counts = [int(self.comm.allreduce(p.count, MPI.SUM)) for p in state.species.values()]
         fewest = min(counts, default=0) / self.comm.size

@@ -1,10 +1,10 @@
 """Drag on several ranks: a kick of local gas and dust together with the ghosts that they depend on.
 
-The results are the same as on one rank. In schemes with cells, ghosts are the particles in the blocks (drag cells) of
-local particles, and in other blocks near the nodes of these blocks. The blocks depend on the particles of all ranks: on
-their numbers and h in each leaf, on the mean h, and on the frame. These are computed collectively first. Each rank then
-makes the blocks of its local particles. In schemes with pairs, ghosts are all particles of other ranks, and each rank
-computes the whole kick.
+The results are the same as on one rank. In schemes with cells, ghosts are the particles in the blocks (drag cells)
+of local particles, and in other blocks near the nodes of these blocks. The blocks depend on the particles of all
+ranks: on their numbers and h in each leaf, on the mean h, and on the frame. These quantities are computed
+collectively first. Each rank then makes the blocks of its local particles. In schemes with pairs, ghosts are all
+particles of other ranks, and each rank computes the whole kick.
 """
 
 from __future__ import annotations
@@ -84,9 +84,9 @@ class DividedDrag(Engine):
     ) -> KickResult:  # fmt: skip
         """Kick local particles and ghosts; set `gas_vel`, `heat` and the velocities of local dust to the results.
 
-        Return the other results for local dust. gas, dust: arguments of the scheme, with ghosts. both: gas and dust
-        combined with ghosts. built: result of `scheme.build`; None for schemes with pairs. gas_vel (n, d): velocity of
-        local gas. heat (n,): heat per mass of local gas; not set if drag does not heat.
+        Return the results for local dust that are not velocities. gas, dust: arguments of the scheme, with ghosts.
+        both: gas and dust combined with ghosts. built: result of `scheme.build`; None for schemes with pairs.
+        gas_vel (n, d): velocity of local gas. heat (n,): heat per mass of local gas; not set if drag does not heat.
         """
         heat_with_ghosts = np.zeros(len(gas.mass) if self.heating else 0)
         kicked = self._call(gas, dust, frame, dt, built, heat_with_ghosts)
@@ -165,7 +165,7 @@ class DividedDrag(Engine):
         return keep_needed_blocks(layout, own, needed), both
 
     def _batches_near_blocks(self, pos: Array, lattice: Lattice, mask: Array) -> Array:
-        """Return the numbers of the batches of positions `pos` that may have particles in the largest blocks of `mask`.
+        """Return the indices of the batches of positions `pos` that may have particles in the largest blocks of `mask`.
 
         mask (x, y): which largest blocks of the lattice are meant.
         """
@@ -178,9 +178,9 @@ class DividedDrag(Engine):
 def _needed_blocks(blocks: Merged, lattice: Lattice, own: Array, away: int, rings: int, flat: bool) -> Array:
     """Return the mask (blocks,) of the blocks that local particles depend on.
 
-    own (blocks,): mask of the blocks with local particles. away: distance up to which blocks are searched, in largest
-    blocks. rings: number of rings of nodes that a kick depends on. flat: whether the scene is one-dimensional. Only
-    largest blocks within `away` of a block in `own` and of another block are searched.
+    own (blocks,): mask of the blocks with local particles. away: largest distance of searched blocks, in sides of a
+    largest block. rings: number of rings of nodes that a kick depends on. flat: whether the scene is
+    one-dimensional. Only largest blocks within `away` of a block in `own` and of another block are searched.
     """
     needed, held = own.copy(), _masks_of_largest_blocks(blocks, lattice, own)
     some = blocks_in(blocks.first_leaf, dilate(held[0], lattice, away) & dilate(held[1], lattice, away))
@@ -193,7 +193,8 @@ def _needed_blocks(blocks: Merged, lattice: Lattice, own: Array, away: int, ring
 
 
 def _masks_of_largest_blocks(blocks: Merged, lattice: Lattice, chosen: Array) -> Array:
-    """Return two masks (2, x, y) of largest blocks: those that contain a chosen block, and those that contain another.
+    """Return two masks (2, x, y) of largest blocks: one of those with a chosen block, one of those with any other
+    block.
 
     chosen (blocks,): mask of blocks.
     """
@@ -203,7 +204,7 @@ def _masks_of_largest_blocks(blocks: Merged, lattice: Lattice, chosen: Array) ->
 
 
 def leaf_number_ranges(blocks: Merged, lattice: Lattice) -> tuple[Array, Array]:
-    """Return the first number, and the end, of the leaves of each block, (blocks + 1,) each.
+    """Return the first index of the leaves of each block, and one more than the last index, (blocks + 1,) each.
 
     Leaves are numbered in the whole lattice: by largest block, and along a Z-curve within each largest block. The last
     entry is for particles outside the lattice.

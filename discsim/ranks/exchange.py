@@ -26,7 +26,7 @@ GHOST_RESERVE = 8  # spare capacity for ghosts is 1 / GHOST_RESERVE more than th
 
 
 class KeyedParticles(Protocol):
-    """Protocol of particles with keys in the global order, `global_index` (n,)."""
+    """Protocol of particles with `global_index` (n,), the keys that define the global order of all particles."""
 
     global_index: Array | None
 
@@ -38,8 +38,8 @@ class FetchedGhosts(ParticlesWithGhosts):
     """Local particles of a species combined with the ghosts received by a route.
 
     If a local array has spare memory behind it, ghost entries are written there, and later ghosts overwrite them.
-    lasting: True if combined arrays must remain valid; they are then copies. local_count: number of local particles.
-    count: number of local particles and ghosts.
+    lasting: True if combined arrays must remain valid; combined arrays are then copies. local_count: number of local
+    particles. count: number of local particles and ghosts.
     """
 
     def __init__(self, particles: KeyedParticles, route: Route, lasting: bool = False) -> None:
@@ -160,7 +160,10 @@ def exchange_requests(comm: Comm, needed: NeededCells) -> CellRequests:
 
 
 def needed_ranges(needed: NeededCells) -> Array:
-    """Return the ranges (ranges, 2) of numbers that needed cells cover: the first number of each range, and its end."""
+    """Return the ranges (ranges, 2) that needed cells cover in the numbering of `NeededCells`.
+
+    A range is its first number, and one more than its last number.
+    """
     some = np.flatnonzero(needed.mask)
     begin, end = needed.begin[some], needed.end[some]
     breaks = np.flatnonzero(begin[1:] != end[:-1])
@@ -172,7 +175,7 @@ def route_to_requesters(
 ) -> Route:
     """Return the route that sends local particles to the ranks that requested their cells. Collective.
 
-    key (n,): cell of each particle; if `cell_of_key` is given, cell_of_key[key] is the cell. batches: numbers of the
+    key (n,): cell of each particle; if `cell_of_key` is given, cell_of_key[key] is the cell. batches: indices of the
     batches of particles that may be in requested cells; None: all.
     """
     before = requests.requested_before

@@ -31,7 +31,7 @@ LEAST = 4  # columns of largest blocks in a chunk of a loop
 class DividedLeaves(OneRank):
     """Communication of a drag layout on several ranks.
 
-    reach: distance from local particles up to which the rank has the lattice, in largest blocks.
+    reach: how far beyond its local particles the rank has the lattice, in units of the side of a largest block.
     """
 
     def __init__(self, comm: Comm) -> None:
@@ -40,9 +40,10 @@ class DividedLeaves(OneRank):
         self._needed_cells = deque[int](maxlen=REMEMBERED_STEPS)  # distances needed in recent kicks
 
     def update_reach(self, needed: int) -> bool:
-        """Set `reach` to the largest distance needed in recent kicks; return whether it was at least `needed` before.
+        """Set `reach` to the largest distance needed in recent kicks.
 
-        Blocks change in each kick, and to repeat the first pass of a kick costs more than a wider part.
+        Returns whether `reach` was at least `needed` before. Blocks change in each kick, and to repeat the first pass
+        of a kick costs more than a wider part.
         """
         enough = needed <= self.reach
         self._needed_cells.append(needed)
@@ -64,7 +65,7 @@ class DividedLeaves(OneRank):
 
         low, high: first and last leaf with local particles along the axis.
         """
-        count, reach = lattice.whole[axis], _reach(lattice, axis, self.reach)
+        count, reach = lattice.whole[axis], _reach_in_blocks(lattice, axis, self.reach)
         last, turns = (count - 1) // MOST, low // count if lattice.periodic else 0.0
         begin, end = (int((leaf - turns * count) // MOST) for leaf in (low, high))
         begin, end = begin - reach, end + reach
@@ -77,8 +78,8 @@ class DividedLeaves(OneRank):
         """Return sums over the particles of all ranks in each leaf. Collective.
 
         The sums are complete in largest blocks within `reach` of local particles. held: sums over local particles in
-        each leaf, (leaves + 1,) each; they are changed in place, and returned. The last entry, for particles outside
-        the lattice, is not changed.
+        each leaf, (leaves + 1,) each; these arrays are changed in place, and returned. The last entry, for particles
+        outside the lattice, is not changed.
         """
         tables = [array[:-1].reshape(lattice.shape) for array in held]
         x, y = (np.arange(0, n, MOST) for n in lattice.shape)
@@ -114,15 +115,18 @@ class DividedLeaves(OneRank):
         return mask[:-1]
 
 
-def _reach(lattice: Lattice, axis: int, distance: int) -> int:
-    """Return `distance` in largest blocks, plus 1 if it is not 0 and a periodic axis has an incomplete last block."""
+def _reach_in_blocks(lattice: Lattice, axis: int, distance: int) -> int:
+    """Return `distance`, a number of largest blocks along an axis, extended for an incomplete last block.
+
+    1 is added if `distance` is above 0 and a periodic axis has an incomplete last block.
+    """
     return distance + (lattice.periodic and distance > 0 and lattice.whole[axis] % MOST > 0)
 
 
 def dilate(mask: Array, lattice: Lattice, distance: int) -> Array:
     """Return the mask (x, y) of largest blocks that are within `distance` blocks, along each axis, of one in `mask`."""
     for axis in range(2):
-        reach = min(_reach(lattice, axis, distance), mask.shape[axis])
+        reach = min(_reach_in_blocks(lattice, axis, distance), mask.shape[axis])
         mode = "wrap" if lattice.joined[axis] else "constant"
         mask = maximum_filter1d(mask, 2 * reach + 1, axis=axis, mode=mode)
     return mask

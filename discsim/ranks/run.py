@@ -1,7 +1,7 @@
 """Run on several MPI ranks, each with its own particles. Only rank 0 writes the common files and messages.
 
 If rank 0 fails to write them, its exception is raised on all ranks, and all end in the same way. If a rank fails
-elsewhere, the others would wait for it without end: the job is then aborted after ABORT_DELAY seconds.
+elsewhere, the other ranks would wait without end, so the job is then aborted after ABORT_DELAY seconds.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Potential on a grid by slab decomposition, bitwise equal to the potential of `numerics/poisson.py`.
 
-Each rank has a slab of consecutive rows, and transforms these along y. After an all-to-all exchange it has whole tiles
-of columns. It transforms these along x, multiplies them by the transform of the kernel, and transforms them back. A
-second exchange returns them to the ranks that have their rows. Batches of rows are the same as on one rank, and so are
-the results of the FFT plans.
+Each rank has a slab of consecutive rows, and transforms these along y. After an all-to-all exchange it has whole
+tiles of columns. It transforms these along x, multiplies them by the transform of the kernel, and transforms them
+back. A second exchange returns the results to the ranks that have the rows. Batches of rows are the same as on one
+rank, and so are the results of the FFT plans.
 """
 
 from __future__ import annotations
@@ -48,12 +48,12 @@ class RankRanges(NamedTuple):
 
 
 class SlabPoisson:
-    """Solver of the potential on a rank's slab of a grid (nx, ny), with `border` more nodes on every side.
+    """Solver of the potential on a grid (nx, ny), extended by `border` nodes on every side.
 
-    count: number of rows in all. The order of rows is: the nx rows of the grid, the border after the last of them, and
-    the border before the first of them. rows: range of rows of each rank. held: number of this rank's rows that are in
-    the grid. density (held, ny): input of `solve`. potential (n, ny + 2 border): output, for all n rows of this rank.
-    by_rows, by_tiles: memory that only `solve` uses.
+    Each rank has a slab of rows. count: number of rows of the extended grid. The order of its rows is: the nx rows of
+    the grid, the border after the last of them, and the border before the first of them. rows: range of rows of each
+    rank. held: number of this rank's rows that are in the grid. density (held, ny): input of `solve`. potential (n, ny
+    + 2 border): output, where n is the number of rows of this rank. by_rows, by_tiles: memory that only `solve` uses.
     """
 
     def __init__(

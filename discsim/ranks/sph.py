@@ -1,10 +1,10 @@
 """SPH sums on several ranks: the sums of `numerics/sph.py`, for the cells that contain local particles.
 
 The grids of neighbour cells (box, size classes, sides) are the same on every rank. Each rank has only the cells near
-its local particles, and fetches ghosts in all cells within reach of these (`kernels/mpi/halo.py`). It fetches whole
-cells, so that candidate lists are the same as on one rank. After each density pass it fetches the h of ghosts from
-their owners, and after the last pass all data that forces need. If an h becomes too large for the halo, the density is
-computed again with a wider halo, which is kept for the next steps.
+its local particles, and fetches ghosts in all cells within reach of local particles (`kernels/mpi/halo.py`). It
+fetches whole cells, so that candidate lists are the same as on one rank. After each density pass it fetches the h of
+ghosts from their owners, and after the last pass all data that forces need. If an h becomes too large for the halo,
+the density is computed again with a wider halo, which is kept for the next steps.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ class DividedSph(Sph):
         filled[key] = True
         mine = np.flatnonzero(filled)
         needed = mark_cells(mine, table, np.zeros(2), table, EITHER, self.halo, self.dim == 1, self.periodic)
-        numbers = grids.numbers()
+        numbers = grids.indices_in_whole()
         requests = exchange_requests(self.comm, NeededCells(needed, numbers, numbers + 1))
         both = FetchedGhosts(points, route_to_requesters(self.comm, key, requests))
         pos, h, mass, classes = both.all_with_ghosts([points.pos, points.h, points.mass, classes])

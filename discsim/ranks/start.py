@@ -87,8 +87,9 @@ def begin_without_particles(scene: Scene, shared: dict[str, Any]) -> InitialStat
 def divide(sim: Simulation, comm: Comm) -> ParallelComm:
     """Send the particles of a simulation to their owners, and return the communication between the ranks. Collective.
 
-    Before, each rank has a range of the rows of all particles, in the order of ranks. The communication becomes that of
-    `numerics/world.py`, and effects with neighbours, a grid or cells get their implementation for several ranks.
+    Before the call, each rank has a range of the rows of all particles, in the order of ranks. The communication
+    becomes that of `numerics/world.py`, and effects with neighbours, a grid or cells get their implementation for
+    several ranks.
     """
     ranks = ParallelComm(sim.scene, comm)
     ranks.distribute(sim.state)

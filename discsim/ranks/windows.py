@@ -97,7 +97,7 @@ class Windows(NamedTuple):
 
 
 def combine_extents(one: Extent, other: Extent) -> Extent:
-    """Return the range of nodes that the particles of two species touch, from the ranges of the two."""
+    """Return the range of nodes that the particles of two species touch, from the range of each species."""
     least, most = np.minimum(one.least, other.least), np.maximum(one.most, other.most)
     return Extent(least, most, min(one.low, other.low), max(one.high, other.high), one.off + other.off)
 

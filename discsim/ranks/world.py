@@ -65,7 +65,7 @@ class ParallelComm:
     def distribute(self, state: State) -> None:
         """Divide space among the ranks, and send all particles to their owners, at the start of a run.
 
-        Before, each rank has a range of the rows of all particles, in the order of ranks.
+        Before the call, each rank has a range of the rows of all particles, in the order of ranks.
         """
         self.division.rebalance(state.species)
         self.division.distribute(state)

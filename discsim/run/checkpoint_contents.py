@@ -74,8 +74,8 @@ def refuse_other_forces(values: Values, effects: Effects) -> None:
 def checked_contents(state: State, effects: Effects, groups: Groups, values: Values) -> CheckedContents:
     """Check the contents of a checkpoint, and return them as attributes of a state.
 
-    state, effects: a state of the scene, whose arrays have the types and shapes to expect, and its effects. groups,
-    values: contents of the checkpoint, arrays by group and name, and single values.
+    state, effects: a state of the scene, whose arrays have the expected types and shapes, and the effects of the
+    scene. groups, values: contents of the checkpoint, arrays by group and name, and single values.
     """
     particles = {name: _checked_particles(state, name, groups[name]) for name in state.species}
     time = values.number("time", start_time(state.scene))
@@ -151,7 +151,7 @@ def _checked_bodies(own: Bodies, held: dict[str, Array], time: float) -> Bodies:
 def _checked_limit(values: Values, effects: Effects, length: str, by: str) -> tuple[float, str]:
     """Check a time-step limit, and return it with the name of the effect that sets it; "" without a limit.
 
-    length, by: names of these two values in the checkpoint.
+    length, by: names, in the checkpoint, of the limit and of the effect that sets it.
     """
     found, name = values.number(length, 0.0, may_be_infinite=True), values.text(by)
     if found == 0.0:

@@ -43,8 +43,9 @@ class Checkpoints:
     def refuse_lost_snapshots(self, folder: Path, number: int, last_output: float) -> None:
         """Raise CheckpointError if resuming would remove a snapshot that the run does not write again.
 
-        folder: directory of the snapshots. number, last_output: number of snapshots before the checkpoint, and time of
-        the last of these. Resuming removes the snapshots from `number` on, so each must be later than `last_output`.
+        folder: directory of the snapshots. number, last_output: number of snapshots before the checkpoint, and time
+        of the last snapshot before it. Resuming removes the snapshots from `number` on, so each must be later than
+        `last_output`.
         """
         for path in later_snapshots(folder, number):
             with suppress(SnapshotError), hdf5.open_file_of_kind(path, SnapshotError, "snapshot") as file:

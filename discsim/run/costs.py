@@ -59,7 +59,10 @@ class Costs:
         return same
 
     def forget(self, start: Costs, end: Costs) -> None:
-        """Subtract the difference between `end` and `start`, copies from after and before kernels were compiled."""
+        """Subtract the cost of compilation, the difference between `end` and `start`.
+
+        end, start: copies made after and before kernels were compiled.
+        """
         for name in self.calls:
             self.calls[name] -= end.calls[name] - start.calls[name]
             self.seconds[name] -= end.seconds[name] - start.seconds[name]

@@ -35,7 +35,9 @@ def checked_operators(effects: Mapping[str, Effect], state: State) -> Named:
             raise PartError(f"{name}.operators returns {_type_text(found)}; expected a list of base.Operator")
         listed += [(name, operator) for operator in found]
     may_kick = {*state.species, *(name for name, effect in effects.items() if effect.role.kicks)}
-    for fault in chain(_type_faults(listed), _slot_faults(listed, may_kick), _name_faults(listed), _conflicts(listed)):
+    for fault in chain(
+        _type_faults(listed), _slot_faults(listed, may_kick), _name_faults(listed), _conflict_faults(listed)
+    ):
         raise PartError(fault)
     return listed
 
@@ -92,7 +94,7 @@ def _name_faults(listed: Named) -> Iterator[str]:
             yield f"{operator.name}: {min(found)} is complete only in the slot LIMIT; remove the name from `reads`"
 
 
-def _conflicts(listed: Named) -> Iterator[str]:
+def _conflict_faults(listed: Named) -> Iterator[str]:
     """Yield messages about pairs of operators that may run at the same time, if one changes an array of the other."""
     of_slot = {slot: [each for _, each in listed if each.slot is slot] for slot in Slot}
     for one, other in [*combinations(of_slot[Slot.FIELD], 2), *product(of_slot[Slot.FORCE], of_slot[Slot.KICK_INPUT])]:

@@ -81,7 +81,7 @@ def directory_fault(directory: Path, resume: bool) -> str | None:
     return None
 
 
-def refuse_directory(directory: Path, resume: bool) -> None:
+def require_usable_directory(directory: Path, resume: bool) -> None:
     """Raise DirectoryError if a run cannot write to `directory`."""
     fault = directory_fault(directory, resume)
     if fault:
@@ -241,7 +241,7 @@ def _open_lock_file(path: Path) -> tuple[int, bool]:
 
 
 def _is_file_at(file: int, path: Path) -> bool:
-    """Return whether the descriptor `file` is of the file that is now at `path`."""
+    """Return whether the descriptor `file` refers to the file that is now at `path`."""
     try:
         return os.path.samestat(os.fstat(file), path.stat())
     except FileNotFoundError:

@@ -84,8 +84,8 @@ class Plan(dict[Slot, list[tuple[str, Operator]]]):
 class _AccelerationSums:
     """Acceleration arrays while forces are added: `acc`, a dict by name, such as "gas.acc" and "gas.acc_unshared".
 
-    If an effect kicks gas and dust together, shared and unshared accelerations have separate arrays. Otherwise the two
-    names of a species refer to the same array.
+    If an effect kicks gas and dust together, shared and unshared accelerations have separate arrays. Otherwise the
+    shared and the unshared name of a species refer to the same array.
     """
 
     def __init__(self, state: State, plan: Plan) -> None:
@@ -207,7 +207,7 @@ def _without_accelerations(state: State) -> State:
 def acceleration_of(effect: Effect, state: State) -> dict[str, Array]:
     """Return the accelerations (n, dimensions) that one effect causes at the present positions, by species.
 
-    They include accelerations that are part of the drift, such as the pull of the star on Kepler orbits.
+    The result includes accelerations that are part of the drift, such as the pull of the star on Kepler orbits.
     """
     own = _without_accelerations(state)
     accelerate(effect, own, with_drift=True)

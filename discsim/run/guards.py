@@ -61,13 +61,13 @@ class ReversalGuard:
         """Sample the gas in three of every CHECK_EVERY steps, and check the third sample.
 
         Raises PhysicsError, on every process, if more than half of the sample has a cosine below REVERSAL_COSINE and
-        more than half a velocity difference above MAX_KICK.
+        more than half of the sample has a velocity difference above MAX_KICK.
         """
         gas, turn = state.gas, state.step % CHECK_EVERY
         if gas is None or gas.global_count == 0 or not 1 <= turn <= 3:
             self.forget()
             return
-        self.samples.append(_sample(state))
+        self.samples.append(_sample_gas(state))
         if len(self.samples) < 3:
             return
         # Particles that stayed on this process through three steps; rows change as they are sorted.
@@ -89,7 +89,7 @@ class ReversalGuard:
             )
 
 
-def _sample(state: State) -> Sample:
+def _sample_gas(state: State) -> Sample:
     """Return a sample of the gas: the particles whose ids are multiples of a power of two.
 
     The pull of the central mass is subtracted from the accelerations.

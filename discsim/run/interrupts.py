@@ -14,7 +14,7 @@ def run_signals() -> list[int]:
     """Return the signals that stop a run: Ctrl-C, SIGTERM, and the signals of terminals and batch systems.
 
     SIGHUP is sent when the terminal closes; batch systems announce the end of a job by it or by other BATCH_SIGNALS.
-    Those that the parent process ignores, as under nohup, are left out and stay ignored.
+    Signals that the parent process ignores, as under nohup, are left out and stay ignored.
     """
     heard = [number for number in BATCH_SIGNALS if signal.getsignal(number) != signal.SIG_IGN]
     return [signal.SIGINT, signal.SIGTERM, *heard]

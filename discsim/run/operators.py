@@ -100,8 +100,8 @@ class Operators:
     def _run_concurrently(self, slot: Slot, *given: float) -> None:
         """Run the operators of a slot, each of which uses only the species of its effect, at the same time.
 
-        given: arguments after the state. With several processes they run one after another, as all processes must make
-        collective calls in the same order.
+        given: arguments after the state. With several processes the operators run one after another, as all
+        processes must make collective calls in the same order.
         """
 
         def do(name: str, run: Callable[..., Any]) -> None:

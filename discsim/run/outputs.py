@@ -17,8 +17,8 @@ from discsim.scene.tables import Run
 def output_times(run: Run) -> list[float]:
     """Return the times of all snapshots after the initial one; the last is the end of the run.
 
-    They are multiples of `run.every`, or of the time of the end over `run.snapshots`. Multiples are computed with exact
-    fractions, so that runs of different lengths have bitwise equal times.
+    The times are multiples of `run.every`, or of the end time of the run divided by `run.snapshots`. Multiples are
+    computed with exact fractions, so that runs of different lengths have bitwise equal times.
     """
     until = Fraction(repr(run.until))
     if run.every is None:

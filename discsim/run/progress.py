@@ -78,7 +78,10 @@ class Progress:
                 self.note(text)
 
     def compiling(self, count: int, name: str) -> None:
-        """Report that the kernel `name` compiles, if a frame or a line is due; count: number of kernels so far."""
+        """Report that the kernel `name` compiles, if an update of the display or a line is due.
+
+        count: number of kernels so far.
+        """
         now = time.monotonic()
         if count == 1:
             self.say("compiling kernels for the first time: up to a minute for a scene with drag")
@@ -92,7 +95,10 @@ class Progress:
             self.say(f"compiling kernel {count}: {name}")
 
     def step(self, state: State, dt: float, set_by: str) -> None:
-        """Report a step of length dt, if a frame or a line is due; set_by: name of what limits the step."""
+        """Report a step of length dt, if an update of the display or a line is due.
+
+        set_by: name of the effect or key that limits the step.
+        """
         now = time.monotonic()
         if self._speed_start is None:
             self._speed_start = (now, state.time, state.step)
@@ -132,7 +138,10 @@ class Progress:
             self._log.flush()
 
     def _facts(self, state: State, dt: float, set_by: str) -> dict[str, str]:
-        """Return texts for a line or a frame by name, such as "step" and "speed"; unknown ones are absent or empty."""
+        """Return by name the texts of a line or of the display, such as "step" and "speed".
+
+        Unknown texts are absent or empty.
+        """
         show, until = self.scene.units.show_time, self.scene.run.until
         facts = {
             "step": f"step {state.step}",

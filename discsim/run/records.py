@@ -56,7 +56,7 @@ class Records:
         return {**numbers, **{f"{name}_digest": file.digest for name, file in self._files.items()}}
 
     def add_history(self, state: State, effects: Mapping[str, Effect], dt: float, set_by: str) -> None:
-        """Add a row to history.csv; dt, set_by: length of the last step, and what set it."""
+        """Add a row to history.csv; dt, set_by: length of the last step, and name of the limit that set it."""
         history = self._files[HISTORY[0]]
         history.add(history_row(state, effects, dt, set_by, history.last))
 

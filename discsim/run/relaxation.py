@@ -60,7 +60,7 @@ class RelaxationReport(NamedTuple):
 def relax(state: State, effects: dict[str, Effect]) -> RelaxationReport | None:
     """Relax the gas of an initial state, eq. (1), and return a report; None if the scene has no `initial.relax`.
 
-    pos, vel, h and u of `state.gas` change in place. Dust, bodies and the time do not change.
+    pos, vel, h and u of `state.gas` change in place. Dust, bodies and the time stay the same.
     """
     scene, gas = state.scene, state.gas
     orbits = getattr(scene.initial, "relax", 0.0)

@@ -32,9 +32,9 @@ from discsim.run.directory import (
     ended_before_checkpoint,
     locked_directory,
     read_scene_file,
-    refuse_directory,
     remove_copies,
     remove_partial_files,
+    require_usable_directory,
 )
 from discsim.run.interrupts import Interrupts, run_signals
 from discsim.run.outputs import due_times, effect_columns, with_present_pressure
@@ -108,9 +108,10 @@ def raised_in_numba_cache(fault: BaseException) -> bool:
 class Run:
     """Simulation of a scene, and the files of its directory.
 
-    snapshots: number of snapshots written. steps: number of steps that this process has made. last_output: time of the
-    last snapshot. dt, set_by: length of the last step, and what set it. time: time after the last step. next_set_by:
-    what sets the next step. copied: copies of input files, made before the run begins.
+    snapshots: number of snapshots written. steps: number of steps that this process has made. last_output: time of
+    the last snapshot. dt, set_by: length of the last step, and name of the limit that set it. time: time after the
+    last step. next_set_by: name of the limit that sets the next step. copied: copies of input files, made before the
+    run begins.
     """
 
     sim: Simulation
@@ -194,7 +195,7 @@ class Run:
         steps begin, which is the time of the checkpoint or the start of the scene.
         """
         locked = self.lock.enter_context(locked_directory(self.directory))
-        refuse_directory(self.directory, resume)
+        require_usable_directory(self.directory, resume)
         resume = resume and self._has_checkpoint()
         return locked, resume, self._time_to_resume() if resume else self.last_output
 

@@ -544,11 +544,11 @@ class Simulation(Summarised):
 
     @contextmanager
     def _uninterrupted(self) -> Iterator[None]:
-        """Complete the step within the context before the first Ctrl-C raises KeyboardInterrupt.
+        """Run the block of the context to its end before a first Ctrl-C raises KeyboardInterrupt.
 
-        A second Ctrl-C raises KeyboardInterrupt at once, or after other threads have ended their loops. The step is
-        then half made, and the state cannot be used. If the caller has set another handler of SIGINT, that handler
-        stays in force.
+        A second Ctrl-C raises KeyboardInterrupt at once or, if other threads run loops, after these loops. The step
+        is then half made, and the state cannot be used. If the caller has set another handler of SIGINT, that
+        handler stays in force.
         """
         set_threads(self.scene.run.threads)
         is_main = threading.current_thread() is threading.main_thread()
@@ -591,6 +591,6 @@ class Simulation(Summarised):
     def _advance(self, dt: float, until: float = math.inf) -> None:
         """Advance by dt: make the closing kick of the last step, and this step without its closing kick.
 
-        until: time at which the step ends if this is within rounding.
+        until: if the step ends within rounding of this time, the time is set to `until`.
         """
         self._integrate(self.operators, dt, until)

@@ -4,9 +4,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from discsim.scene.loading import Scene, SceneError, load_scene, near
+    from discsim.scene.loading import Scene, SceneError, load_scene, nearest_hint
 
-__all__ = ["Scene", "SceneError", "load_scene", "near"]
+__all__ = ["Scene", "SceneError", "load_scene", "nearest_hint"]
 
 
 def __getattr__(name: str) -> Any:

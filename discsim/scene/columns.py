@@ -102,7 +102,7 @@ class Columns(InputFile):
 
     @cached_property
     def _curves(self) -> dict[str, Any]:
-        """By column name: the cubic for ln Sigma, ln T or ln resolution as a function of ln r, and its derivative."""
+        """For each column name, the cubic for ln Sigma, ln T or ln resolution in ln r, and its derivative."""
         from scipy.interpolate import PchipInterpolator  # slow to import
 
         log = np.log(self.values["r"])

@@ -40,7 +40,7 @@ def differences(before: Any, now: Any, name: str = "") -> Iterator[str]:
 
     A table that only one of the scenes has counts as one key. name: dotted name of the parts `before` and `now`.
     """
-    parts, others = _entries(before), _entries(now)
+    parts, others = _entries_by_name(before), _entries_by_name(now)
     if parts is None or others is None or type(before) is not type(now):
         if before != now:
             yield name
@@ -49,7 +49,7 @@ def differences(before: Any, now: Any, name: str = "") -> Iterator[str]:
         yield from differences(parts.get(key), others.get(key), f"{name}.{key}" if name else key)
 
 
-def _entries(value: Any) -> dict[str, Any] | None:
+def _entries_by_name(value: Any) -> dict[str, Any] | None:
     """Return the entries by name of a scene, a table, units or a tuple of tables; None for a plain value."""
     if isinstance(value, Scene):
         return {name: entry for name, entry in value if name not in ("text", "path", "others")} | value.others

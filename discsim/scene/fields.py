@@ -107,11 +107,11 @@ class Measure:
     words: tuple[str, ...] = ()
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Callable[[Any], Any]) -> Any:
-        read = self._vector if self.vector else self._float
+        read = self._read_vector if self.vector else self._read_quantity
         return core_schema.with_info_before_validator_function(read, handler(source))
 
-    def _float(self, value: Any, info: ValidationInfo) -> Any:
-        """Return a quantity in code units; None and the texts `words` are returned unchanged."""
+    def _read_quantity(self, value: Any, info: ValidationInfo) -> Any:
+        """Return a quantity in code units; None and the texts in `words` are returned unchanged."""
         if value is None or (isinstance(value, str) and value in self.words):
             return value
         units = units_of(info)
@@ -131,12 +131,12 @@ class Measure:
             raise fault(f"{shown(value)} has no unit; {expected.replace(', like', ' needs a unit, like')}")
         raise fault(f"{shown(value)} is not a quantity; expected {expected}")
 
-    def _vector(self, value: Any, info: ValidationInfo) -> tuple[float, ...]:
+    def _read_vector(self, value: Any, info: ValidationInfo) -> tuple[float, ...]:
         """Return a vector in code units, one component per dimension of space; a scalar is the x component."""
         if value == 0 and not isinstance(value, bool):  # zero, the default, needs no unit
             return (0.0,) * units_of(info).dimensions
         entries = _one_per_dimension(value, info) if isinstance(value, list | tuple) else [value]
-        read = [self._float(entry, info) or 0.0 for entry in entries]
+        read = [self._read_quantity(entry, info) or 0.0 for entry in entries]
         read += [0.0] * (units_of(info).dimensions - len(read))
         if self.whole and any(entry != int(entry) for entry in read):
             raise fault(f"{shown(value)} is not a list of whole numbers")

@@ -153,7 +153,10 @@ class Gap(Table):
 
 
 class Background(Table):
-    """Prescribed gas disc in equilibrium about the star, instead of [gas]. It drags the dust and does not change."""
+    """Prescribed gas disc in equilibrium about the star, instead of [gas].
+
+    The gas drags the dust, and does not change.
+    """
 
     surface_density: SurfaceDensity | None = Field(
         None, gt=0, description="surface density of the gas at reference_radius"
@@ -311,7 +314,7 @@ class Softening(NamedTuple):
 def _read_softening(value: Any, info: ValidationInfo) -> Softening:
     """Return the Softening that the value of a key means: a number counts scale heights H, a text is a length.
 
-    Raises a `fault` for other values, and for negative ones.
+    Raises a `fault` for other values, and for negative numbers.
     """
     if not isinstance(value, str):
         found = Softening(number(value), True)

@@ -24,8 +24,8 @@ from discsim.scene.messages import (
     SceneError,
     drop_secondary_errors,
     message,
-    near,
     nearest,
+    nearest_hint,
     problem_from_error,
     value_at,
 )
@@ -48,7 +48,7 @@ else:  # an effect and its keys are imported only if the scene has its table
         Cooling = Damping = AlphaViscosity = Any
 
 
-__all__ = ["Scene", "SceneError", "load_scene", "near"]
+__all__ = ["Scene", "SceneError", "load_scene", "nearest_hint"]
 
 
 class Scene(Summarised, BaseModel):
@@ -206,7 +206,7 @@ def load_scene(
         refuse_deep(data, f"{path}:1")
     origins = Origins(path, text)
     values, removed, problems = apply_options(data, overrides, without, origins)
-    found, faults = _validate(data, own_particles, folder or (path.parent if path else Path()))
+    found, faults = _validate_tables(data, own_particles, folder or (path.parent if path else Path()))
     problems += [message(fault, origins) for fault in faults]
     if problems:
         raise SceneError(list(dict.fromkeys(problems)))
@@ -236,11 +236,12 @@ def files_of(tables: Mapping[str, Any]) -> Iterator[tuple[str, str, InputFile]]:
                 yield name, key, value
 
 
-def _validate(data: dict[str, Any], own_particles: bool, folder: Path) -> tuple[dict[str, Any], list[Problem]]:
+def _validate_tables(data: dict[str, Any], own_particles: bool, folder: Path) -> tuple[dict[str, Any], list[Problem]]:
     """Validate the tables `data`. Return the attributes of a Scene that are valid, by name, and all problems."""
     unknown = [name for name in data if name not in TABLES and name != "title"]
     faults: list[Problem] = [
-        ((name,), f"unknown table; expected one of {', '.join(TABLES)}{near(name, _table_names())}") for name in unknown
+        ((name,), f"unknown table; expected one of {', '.join(TABLES)}{nearest_hint(name, _table_names())}")
+        for name in unknown
     ]
     title = data.get("title", "")
     if not isinstance(title, str):
@@ -274,7 +275,7 @@ def _table_names() -> list[str]:
 
 def _read_units(data: dict[str, Any]) -> tuple[Units, list[Problem]]:
     """Return the units of a scene, and their problems. Defaults replace faulty units, to validate other tables."""
-    dimensions = _dimensions(data)
+    dimensions = _given_dimensions(data)
     table, faults = _validate_table("units", data.get("units", {}), data.get("units", {}), Units())
     if table is None:
         code = value_at(data, "units", "system") == "code"
@@ -292,7 +293,7 @@ def _read_units(data: dict[str, Any]) -> tuple[Units, list[Problem]]:
     return Units(table.system, dimensions, table.length, table.mass), faults
 
 
-def _dimensions(data: dict[str, Any]) -> int:
+def _given_dimensions(data: dict[str, Any]) -> int:
     """Return the dimensions of space that the tables `data` give, before validation; by default 2."""
     return 1 if value_at(data, "space", "dimensions") == 1 else 2
 
@@ -311,7 +312,7 @@ def _with_defaults(data: dict[str, Any], own_particles: bool) -> dict[str, Any]:
         if kernel is not None and not {"eta", "smoothing_length"} & gas.keys():
             gas.setdefault("kernel", kernel)
         smoothing = SMOOTHING.get(str(gas.get("kernel")), SMOOTHING["cubic"])
-        gas.setdefault("eta", smoothing.eta[_dimensions(data) - 1])
+        gas.setdefault("eta", smoothing.eta[_given_dimensions(data) - 1])
     drag = filled.get("drag")
     if isinstance(drag, dict):
         if isinstance(drag.get("cell"), str):
@@ -364,7 +365,7 @@ def _may_repeat(name: str | int) -> bool:
 
 
 @cache
-def _adapter(name: str) -> TypeAdapter[Any]:
+def _table_validator(name: str) -> TypeAdapter[Any]:
     """Return pydantic's validator of the table `name`."""
     return TypeAdapter(TABLES[name])
 
@@ -379,7 +380,7 @@ def _validate_table(name: str, filled: Any, raw: Any, units: Units, folder: Path
     if raw == []:
         return None, [((name,), f"the list is empty; expected [{name}] or [[{name}]]")]
     try:
-        return _adapter(name).validate_python(filled, context={"units": units, "folder": folder}), []
+        return _table_validator(name).validate_python(filled, context={"units": units, "folder": folder}), []
     except ValidationError as error:
         details = drop_secondary_errors(error.errors(include_url=False))
         return None, [

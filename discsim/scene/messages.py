@@ -68,7 +68,7 @@ def nearest(word: str, choices: Sequence[str]) -> str | None:
     return next(iter(leaves or near), None)
 
 
-def near(word: str, choices: Sequence[str]) -> str:
+def nearest_hint(word: str, choices: Sequence[str]) -> str:
     """Return the hint '; did you mean "..."?' with the choice nearest to `word`; "" if no choice is similar."""
     best = nearest(word, choices)
     return f'; did you mean "{best}"?' if best else ""
@@ -162,7 +162,7 @@ def _problem_at(
         return path, f"missing{meaning}{words}"
     if kind == "extra_forbidden":
         keys = list(owner.model_fields)
-        hint = near(str(path[-1]), keys) or _hint_elsewhere(path)
+        hint = nearest_hint(str(path[-1]), keys) or _hint_elsewhere(path)
         return path, f"unknown key; expected one of {', '.join(keys)}{hint}"
     if kind in ("literal_error", "union_tag_invalid", "union_tag_not_found"):
         return _choice_problem(kind, context, path, models, value)
@@ -196,7 +196,7 @@ def _choice_problem(
         path, value = (*path, "kind"), value.get("kind")
         if kind == "union_tag_not_found":
             return path, "missing; expected one of " + ", ".join(f'"{_kind_of_model(model)}"' for model in models)
-    return path, f"{shown(value)} is unknown; expected one of {words}{near(str(value), choices)}"
+    return path, f"{shown(value)} is unknown; expected one of {words}{nearest_hint(str(value), choices)}"
 
 
 def _hint_elsewhere(path: KeyPath) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 
 from discsim.parts import EFFECTS
 from discsim.scene import tomltext
-from discsim.scene.messages import Origins, near
+from discsim.scene.messages import Origins, nearest_hint
 from discsim.scene.reading import MAX_DEPTH
 from discsim.scene.tables import removable_tables
 from discsim.scene.units import clipped
@@ -64,7 +64,7 @@ def apply_options(
     removed = []
     for name in without:
         if name not in EFFECTS and name not in (known := removable_tables()):
-            expected = f"expected one of {', '.join(known)}{near(name, known)}"
+            expected = f"expected one of {', '.join(known)}{nearest_hint(name, known)}"
             problems.append(f"--without {clipped(name)}: unknown table; {expected}")
             continue
         removed.append(name.split("."))

@@ -148,7 +148,7 @@ def _output_time_problems(draft: Draft) -> Iterator[Problem]:
 
 
 def _cell_problems(draft: Draft) -> Iterator[Problem]:
-    """Yield a problem if square cells do not fill a periodic box: space.cells is missing, or does not fit its sides."""
+    """Yield a problem if square cells do not fill a periodic box: space.cells is missing, or does not fit the sides."""
     space = draft.space
     if not space or space.boundary != "periodic":
         return
@@ -174,7 +174,7 @@ def _exclusion_by_start(draft: Draft, path: tuple[str, ...], found: Any, allowed
 
 
 def _space_problems_of_start(draft: Draft) -> Iterator[Problem]:
-    """Yield a problem if the start does not allow the boundary, and one if it does not allow the dimensions."""
+    """Yield a problem if the start does not allow the boundary, and one if the start does not allow the dimensions."""
     start = draft.start
     if start and draft.space and start.boundary not in (None, draft.space.boundary):
         yield _exclusion_by_start(draft, ("space", "boundary"), draft.space.boundary, [start.boundary])
@@ -183,7 +183,7 @@ def _space_problems_of_start(draft: Draft) -> Iterator[Problem]:
 
 
 def _gas_problems_of_start(draft: Draft) -> Iterator[Problem]:
-    """Yield a problem if the start needs gas and the scene has none, or if it does not allow the equation of state."""
+    """Yield a problem if the start needs gas that the scene lacks, or does not allow the equation of state."""
     allowed = draft.start.eos if draft.start else None
     if allowed is None:
         return

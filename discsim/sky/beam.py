@@ -24,7 +24,7 @@ def beam_of(given: Any, prefix: str = "") -> Any:
     """Return a beam of radio_beam, or None for None.
 
     given: a text like "0.05 arcsec" or "0.06 arcsec,0.04 arcsec,30 deg" (full widths at half maximum, position angle
-    of the longer one), the same as Quantities, or a radio_beam.Beam. Raises PlotError.
+    of the longer axis), the same values as Quantities, or a radio_beam.Beam. Raises PlotError.
     """
     if given is None or hasattr(given, "major"):
         return given
@@ -51,7 +51,7 @@ def beam_of(given: Any, prefix: str = "") -> Any:
 
 
 def kernel_of(beam: Any, pixel: float, prefix: str = "") -> Array:
-    """Return the beam (odd, odd) on pixels of `pixel` arcsec, with sum 1. Raises PlotError if it is too narrow.
+    """Return the beam (odd, odd) on pixels of `pixel` arcsec, with sum 1. Raises PlotError if the beam is too narrow.
 
     Rows go to the north, columns to the west.
     """
@@ -98,7 +98,7 @@ def noise_of(given: Any, prefix: str = "") -> float:
 
 
 def noise_map(rms: float, kernel: Array, shape: tuple[int, int], seed: tuple[int, int]) -> Array:
-    """Return noise (ny, nx) that the beam `kernel` correlates, with this rms, the same for the same `seed`."""
+    """Return a map of noise (ny, nx) with this rms, correlated by the beam `kernel`; equal seeds give equal noise."""
     half = len(kernel) // 2
     white = np.random.default_rng(seed).standard_normal((shape[0] + 2 * half, shape[1] + 2 * half))
     smooth = convolved(white, kernel)[half : half + shape[0], half : half + shape[1]]

@@ -64,7 +64,7 @@ def draw_map(
 
 
 def figure_of(maps: Sequence[SkyMap], **options: Any) -> Figure:
-    """Return a figure with the maps in a row, a title, and how they were made. Raises PlotError."""
+    """Return a figure with the maps in a row, a title, and a text about how the maps were made. Raises PlotError."""
     from matplotlib.figure import Figure
 
     pitch = LEFT + SIDE + RIGHT

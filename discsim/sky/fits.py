@@ -40,7 +40,7 @@ def header_of(sky: SkyMap) -> Any:
         from astropy import units as u
 
         header["RESTFRQ"] = (float(sky.wavelength.to_value("Hz", equivalencies=u.spectral())), "Hz")
-    header["OBJECT"] = _plain(sky.title or "discsim")
+    header["OBJECT"] = _card_text(sky.title or "discsim")
     header["ORIGIN"] = f"discsim {__version__}"
     header["DISTANCE"] = (sky.distance, "pc")
     for key, value, comment in (
@@ -49,10 +49,10 @@ def header_of(sky: SkyMap) -> Any:
         ("AZIMUTH", sky.orientation.azimuth, "rotation in deg before the inclination"),
     ):
         header[key] = (float(np.degrees(value)), comment)
-    header["SIMTIME"] = (_plain(sky.time), "time of the snapshot")
+    header["SIMTIME"] = (_card_text(sky.time), "time of the snapshot")
     header["SCENE"] = sky.scene_hash  # no room for a comment
     for line in sky.description:
-        header["HISTORY"] = _plain(line)
+        header["HISTORY"] = _card_text(line)
     assert isinstance(header, fits.Header)
     return header
 
@@ -69,7 +69,7 @@ def write_fits(sky: SkyMap, path: str | Path) -> None:
         hdu.writeto(temporary, overwrite=True)
 
 
-def _plain(text: str) -> str:
+def _card_text(text: str) -> str:
     """Return a text for a FITS card: printable ASCII, at most MAX_CARD characters."""
     plain = "".join(c if " " <= c <= "~" else "?" for c in text).strip()
     return plain if len(plain) <= MAX_CARD else plain[: MAX_CARD - 3] + "..."

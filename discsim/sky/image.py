@@ -8,8 +8,8 @@ grains, is that of a layer of optical depth tau along the line of sight,
 The sums are over grains of all sizes, spread by Gaussians G over pixels of the area A (`output/bins.py`). Positions
 are projected on the sky, so that A is seen at an angle and tau is that of the face-on disc over cos i.
 
-Velocity of the gas along the line of sight: the mean over mass. The residual is less that of circular Kepler orbits
-about the disc's centre. Maps of velocity are averaged over the beam with the column density as weight.
+Velocity of the gas along the line of sight: the mean over mass. The residual is this velocity less that of circular
+Kepler orbits about the disc's centre. Maps of velocity are averaged over the beam with the column density as weight.
 """
 
 from __future__ import annotations
@@ -125,7 +125,7 @@ class SkyMap:
         return 1e3 / (self.pixels_per_beam * self.pixel**2)
 
     def spectral_index(self, other: SkyMap, threshold: float | None = None) -> SkyMap:
-        """Return the spectral index alpha, I ~ nu^alpha, from this map and one at another wavelength.
+        """Return the spectral index alpha, I ~ nu^alpha, from this map and a map at another wavelength.
 
         Parameters
         ----------
@@ -275,7 +275,7 @@ def image_of(snap: Snapshot, options: ImageOptions) -> SkyMap:
     values = sky.crop(brightness) / found.to_brightness
     lines = [f"opacity {kappa.text}", "temperature of the gas" if law is None else f"temperature {options.temperature}"]
     if kernel is not None and rms:
-        values = values + beams.noise_map(rms, kernel, values.shape, (_seed(options), _micrometres(seen)))
+        values = values + beams.noise_map(rms, kernel, values.shape, (_checked_seed(options), _micrometres(seen)))
         lines.append(f"noise {1e6 * rms:.4g} uJy/beam, seed {options.seed}")
     return replace(found, values=values, description=tuple(printable(line) for line in lines))
 
@@ -318,7 +318,7 @@ def _micrometres(wavelength: Any) -> int:
     return min(int(wavelength.to_value("um")), 1 << 62)
 
 
-def _seed(options: ImageOptions) -> int:
+def _checked_seed(options: ImageOptions) -> int:
     """Return the seed of the noise. Raises PlotError unless it is a whole number of at least 0."""
     if isinstance(options.seed, bool) or not isinstance(options.seed, Integral) or options.seed < 0:
         raise PlotError(f"{options.prefix}seed: {clipped(str(options.seed))}; expected a whole number, 0 or more")
@@ -381,7 +381,7 @@ class _Grains:
 
 
 def _grains_of(snap: Snapshot) -> list[_Grains]:
-    """Return the grains of each dust population, and of small dust as one more."""
+    """Return the grains of each dust population, and of small dust as an additional population."""
     found = []
     dust, gas = snap.dust, snap.gas
     if dust is not None and dust.count:

@@ -50,7 +50,7 @@ class Beckwith:
 
 @dataclass(frozen=True)
 class OfPopulations:
-    """Opacity in cm2/g of each dust population, or one for all of them, at any wavelength."""
+    """Opacity in cm2/g of each dust population, or one opacity for all populations, at any wavelength."""
 
     values: Sequence[float]
 

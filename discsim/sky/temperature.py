@@ -1,4 +1,4 @@
-"""Temperature of dust for images: that of the gas near each grain, or a law given.
+"""Temperature of dust for images: the temperature of the gas near each grain, or a given law.
 
     uniform:           T = T0
     power law:         T = T0 (r / r0)^-q                                              (1)
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from discsim.output.snapshot import Snapshot
 
 Array = np.ndarray
-DragLaw = Callable[[Array], Array]  # temperature in K as a function of the radius in au
+TemperatureLaw = Callable[[Array], Array]  # temperature in K as a function of the radius in au
 NEIGHBOURS = 12  # gas particles over which the temperature at a grain is averaged
 GRAZING_ANGLE = 0.05
 EXPECTED = (
@@ -31,8 +31,8 @@ EXPECTED = (
 )
 
 
-def law_of(given: Any, prefix: str = "") -> DragLaw | None:
-    """Return a law of temperature, or None (that of the gas) for None.
+def law_of(given: Any, prefix: str = "") -> TemperatureLaw | None:
+    """Return the law of temperature that `given` means; None, for the temperature of the gas, if `given` is None.
 
     given: a text as in EXPECTED, a Quantity, or a function of radii (n,) in au that returns K. Raises PlotError.
     """
@@ -44,8 +44,8 @@ def law_of(given: Any, prefix: str = "") -> DragLaw | None:
         first = given if hasattr(given, "unit") else parse_quantity(parts[0])
         if first.unit.is_equivalent("Lsun") and len(parts) <= 2:
             angle = float(parts[1]) if len(parts) == 2 else GRAZING_ANGLE
-            at_au = _temperature_problems(positive_quantity(first, name, "Lsun"), angle)
-            return _power_law(at_au, 1.0, 0.5) if 0.0 < angle < 1.0 else _refuse(name, given)
+            at_au = _passive_disc_temperature(positive_quantity(first, name, "Lsun"), angle)
+            return _power_law(at_au, 1.0, 0.5) if 0.0 < angle < 1.0 else _raise_fault(name, given)
         if len(parts) == 1 and first.unit.is_equivalent("K"):
             return _power_law(float(positive_quantity(first, name, "K").to_value("K")), 1.0, 0.0)
         if len(parts) == 3:
@@ -53,32 +53,33 @@ def law_of(given: Any, prefix: str = "") -> DragLaw | None:
             return _power_law(float(value.to_value("K")), float(radius.to_value("au")), float(parts[2]))
     except (UnitError, ValueError):
         pass
-    return _refuse(name, given)
+    return _raise_fault(name, given)
 
 
-def _refuse(name: str, given: Any) -> Any:
+def _raise_fault(name: str, given: Any) -> Any:
     raise PlotError(f'{name}: "{clipped(str(given))}"; {EXPECTED}')
 
 
-def _power_law(value: float, radius: float, index: float) -> DragLaw:
-    """Return eq. (1) for a value in K at a radius in au."""
+def _power_law(value: float, radius: float, index: float) -> TemperatureLaw:
+    """Return the power law of eq. (1), with the temperature `value` in K at `radius` in au."""
     if not np.isfinite(index):
         raise ValueError(index)
     return lambda r: value * (np.maximum(r, 1e-300) / radius) ** -index
 
 
-def _temperature_problems(luminosity: Any, angle: float) -> float:
-    """Return the temperature in K at 1 au of eq. (2)."""
+def _passive_disc_temperature(luminosity: Any, angle: float) -> float:
+    """Return the temperature in K of a passive disc at 1 au, eq. (2)."""
     from discsim.scene.astropy_units import constants, units
 
     flux = angle * luminosity / (8.0 * np.pi * constants.sigma_sb * units.au**2)
     return float((flux**0.25).to_value("K"))
 
 
-def temperatures(snap: Snapshot, pos: Array, law: DragLaw | None) -> Array:
+def temperatures(snap: Snapshot, pos: Array, law: TemperatureLaw | None) -> Array:
     """Return the temperature (n,) in K at positions (n, 2) in the disc.
 
-    Without a law it is the mean over the nearest gas particles, with Gaussian weights. Raises PlotError.
+    Without a law the temperature is the mean over the nearest gas particles, with Gaussian weights. Raises
+    PlotError.
     """
     if law is not None:
         au = float(snap.units.quantity(1.0, "length").to_value("au"))

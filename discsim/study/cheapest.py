@@ -20,7 +20,7 @@ from statistics import fmean
 from discsim.output.files import replace_atomically
 from discsim.preview.accuracy import store_error
 from discsim.printable import printable
-from discsim.scene import Scene, load_scene, near
+from discsim.scene import Scene, load_scene, nearest_hint
 from discsim.scene.units import UnitError, clock, seconds
 from discsim.study.knobs import MAX_RUNGS, Knobs
 from discsim.study.measures import Measure, Run, mean_run, measures_of
@@ -108,7 +108,9 @@ class RecordingRunner:
         self.seed = knobs.base.scene.run.seed
         self.trials: dict[GridPoint, Trial] = {}
         self.reference: Run | None = None
-        self.recorded = {_hashable(settings): run for settings, run in runs.open_record({"search": "cheapest"})}
+        self.recorded = {
+            _hashable_settings(settings): run for settings, run in runs.open_record({"search": "cheapest"})
+        }
         self.counted: set[tuple[tuple[str, str], ...]] = set()
         self.count, self.cpu = 0, 0.0  # number and CPU seconds of the runs of this search, recorded ones included
 
@@ -154,20 +156,20 @@ class RecordingRunner:
         return settings | ({"run.seed": str(self.seed + seed)} if seed else {})
 
     def runs_of(self, settings: Sequence[Settings], most: float = math.inf) -> list[Run]:
-        """Return a run of each of the settings, recorded or made now. Raises BudgetError after the deadline."""
+        """Return one run for each entry of `settings`, recorded or made now. Raises BudgetError after the deadline."""
         todo = [each for each in settings if not self._is_recorded(each, most)]
         batches = [[each] for each in todo] if self.parallel == 1 else [todo] if todo else []
         for batch in batches:
             self._make_runs(batch, most)
-        for each in map(_hashable, settings):
+        for each in map(_hashable_settings, settings):
             if each not in self.counted:
                 self.counted.add(each)
                 self.count, self.cpu = self.count + 1, self.cpu + self.recorded[each]["cpu"]
-        return [self.recorded[_hashable(each)] for each in settings]
+        return [self.recorded[_hashable_settings(each)] for each in settings]
 
     def _is_recorded(self, settings: Settings, most: float) -> bool:
         """Return whether the record has a run of these settings that was not stopped, or not much before `most`."""
-        run = self.recorded.get(_hashable(settings))
+        run = self.recorded.get(_hashable_settings(settings))
         return run is not None and ("most" not in run or most <= 1.5 * run["most"])
 
     def _make_runs(self, todo: Sequence[Settings], most: float) -> None:
@@ -177,7 +179,7 @@ class RecordingRunner:
         try:
             limits = Limits(most, self.deadline)
             for settings, run in zip(todo, self.runs.make(todo, self.say, self.parallel, limits), strict=True):
-                self.recorded[_hashable(settings)] = run
+                self.recorded[_hashable_settings(settings)] = run
                 self.runs.record(settings, run)
                 self.say(f"  {settings_text(settings)}: {self._run_text(run)}")
         except DeadlineError as late:
@@ -234,7 +236,7 @@ class Cheapest:
 
     @property
     def scene(self) -> Trial | None:
-        """The trial of the unchanged scene; None if it has no results of runs."""
+        """The trial of the unchanged scene; None if no run of this trial has a result."""
         return finished_trial(self.runner.trials, self.unchanged)
 
     def make(self, title: str) -> bool:
@@ -298,9 +300,10 @@ class Cheapest:
             self.end_reason = "no tested setting reaches this error"
 
     def _run_reference(self, say: Say) -> None:
-        """Make the reference run with REFERENCE_SEEDS seeds. Raises StudyError, BudgetError.
+        """Run the reference settings with REFERENCE_SEEDS seeds. Raises StudyError, BudgetError.
 
-        Sets `runner.reference` to the mean over the seeds, and `floor` to the mean difference between two seeds.
+        Sets `runner.reference` to the mean over the seeds, and `floor`, the smallest error that counts, to the mean
+        difference between two seeds.
         """
         say(f"no exact solution is used; the reference run has {settings_text(self.reference_settings)}")
         seeded = [self.runner.seeded(self.reference_settings, seed) for seed in range(REFERENCE_SEEDS)]
@@ -331,7 +334,7 @@ class Cheapest:
 
     def _scene_of(self, trial: Trial) -> Scene:
         """Return the scene with the settings of a trial."""
-        return load_scene(self.path, [*self.settings, *_assignments(self.settings_of(trial))], self.without)
+        return load_scene(self.path, [*self.settings, *_assignment_texts(self.settings_of(trial))], self.without)
 
     def _record_estimates(self) -> None:
         """Record the errors and costs of the frontier and of the scene, for estimates of `discsim check`."""
@@ -342,7 +345,7 @@ class Cheapest:
     def _write_cheapest(self) -> None:
         """Write the scene with the settings found, and a comment about them, to cheapest.toml."""
         assert self.found is not None
-        changes = _assignments(self.settings_of(self.found))
+        changes = _assignment_texts(self.settings_of(self.found))
         head = (
             f"# Found by: discsim cost {printable(self.path)} --error {self._goal_text()}\n"
             f"# {self.measure.name}: error {percent(self.found.error)}, {self.found.cpu:.3g} s of CPU on one thread; "
@@ -359,12 +362,12 @@ def settings_text(settings: Settings) -> str:
     return ", ".join([*own, *([label_of(short)] if short else [])])
 
 
-def _assignments(settings: Settings) -> list[str]:
+def _assignment_texts(settings: Settings) -> list[str]:
     """Return settings as texts "key=value"."""
     return [f"{key}={value}" for key, value in settings.items()]
 
 
-def _hashable(settings: Settings) -> tuple[tuple[str, str], ...]:
+def _hashable_settings(settings: Settings) -> tuple[tuple[str, str], ...]:
     """Return settings as a tuple, which can be a key of a dict."""
     return tuple(sorted(settings.items()))
 
@@ -376,6 +379,6 @@ def _select_measure(known: dict[str, Measure], name: str | None) -> Measure:
     if name is None:
         return next(iter(known.values()))
     if name not in known:
-        expected = f"expected one of {', '.join(known)}{near(name, list(known))}"
+        expected = f"expected one of {', '.join(known)}{nearest_hint(name, list(known))}"
         raise StudyError(f"--measure {name}: not available for this scene; {expected}")
     return known[name]

@@ -1,6 +1,7 @@
 """Cost study: runs of a scene with all combinations of given values, to compare their errors and CPU times.
 
-All combinations are run once before any of them is repeated, so that high load on the computer affects all equally.
+All combinations are run once before any combination is repeated, so that high load on the computer affects all of
+them equally.
 """
 
 from __future__ import annotations

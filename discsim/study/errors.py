@@ -37,7 +37,7 @@ def is_disc(scene: Scene) -> bool:
     return scene.centred and scene.space.dimensions == 2
 
 
-def profiles(sim: Simulation) -> dict[str, list[float]]:
+def binned_masses(sim: Simulation) -> dict[str, list[float]]:
     """Return, by species, the mass in each ring of a disc, or in each square of a box, as a flat list.
 
     Runs are compared by these masses if there is no exact solution.
@@ -58,7 +58,7 @@ def profiles(sim: Simulation) -> dict[str, list[float]]:
 def profile_errors(found: dict[str, list[float]], reference: dict[str, list[float]]) -> dict[str, float]:
     """Return, by species, the fraction of the mass in a wrong bin, 0.5 sum |m - m_ref| / sum m_ref.
 
-    found, reference: the masses m and m_ref in bins by species, from `profiles`.
+    found, reference: the masses m and m_ref in bins by species, from `binned_masses`.
     """
     return {
         kind: float(0.5 * np.abs(np.subtract(mass, reference[kind])).sum() / max(np.sum(reference[kind]), 1e-300))

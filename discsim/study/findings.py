@@ -34,9 +34,9 @@ def fitted_power(x: Sequence[float], y: Sequence[float]) -> float | None:
 def cost_of_error(points: Sequence[Point], goal: float, cost: Callable[[Point], float]) -> tuple[float, bool] | None:
     """Return the cost at which the error is `goal`, and whether the cost is extrapolated.
 
-    cost: returns the cost of a point. Between points, ln cost is linear in ln error. Below the smallest error, it is
-    extrapolated from the two most accurate points. None if this is impossible, or if the result is MAX_EXTRAPOLATION
-    times the cost of the most accurate point or more.
+    cost: returns the cost of a point. Between points, ln cost is linear in ln error. Below the smallest error, the
+    cost is extrapolated from the two most accurate points. None if this is impossible, or if the result is
+    MAX_EXTRAPOLATION times the cost of the most accurate point or more.
     """
     known = sorted((point.error or np.inf, cost(point)) for point in points)
     known = [(error, paid) for k, (error, paid) in enumerate(known) if all(paid < other for _, other in known[:k])]
@@ -101,7 +101,7 @@ def print_results(study: Study, console: Console) -> None:
 
 
 def _order_cells(axis: Varied, points: Sequence[Point]) -> Iterator[str]:
-    """Yield the cells of a line's row: order, factor in cost for half the error, and cost of each error in GOALS."""
+    """Yield the table cells for a line of runs: order, factor in cost for half the error, cost of each goal."""
     values = [number_in(point.settings[axis.keys[0]]) or np.nan for point in points]
     errors = [point.error or np.nan for point in points]
     order = fitted_power(values, errors)

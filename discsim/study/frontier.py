@@ -107,7 +107,10 @@ def _frontier_table(study: Cheapest, front: list[Trial]) -> Table:
 
 
 def _knob_table(study: Cheapest, chosen: Trial) -> Table:
-    """Return a table of the numeric knobs: values, effect of one rung up near the trial `chosen`, and power laws."""
+    """Return a table of the numeric knobs: values, effect of one rung near the trial `chosen`, and power laws.
+
+    A rung is one step to a finer value.
+    """
     table = Table("knob", "scene", "found", "one step finer", "error ~", "CPU time ~", box=SIMPLE)
     trials = finished_trials(study.runner.trials)
     for k, knob in enumerate(study.knobs.all):
@@ -141,12 +144,15 @@ def _choice_lines(study: Cheapest, chosen: Trial) -> Iterator[str]:
 
 
 def _trial_with_rung(study: Cheapest, trial: Trial, k: int, rung: int) -> Trial | None:
-    """Return the trial that differs from `trial` by the rung of knob k; None if it has no results of runs."""
+    """Return the trial in which knob k has the entry `rung` and all other knobs are as in `trial`.
+
+    Returns None if no run of that trial has a result.
+    """
     return finished_trial(study.runner.trials, with_rung(trial.point, k, rung))
 
 
 def _reason_of_no_result(study: Cheapest, k: int, rung: int) -> str:
-    """Return the reason why no trial with this rung of knob k has a result, as text."""
+    """Return the reason, as text, why no trial in which knob k has the entry `rung` has a result."""
     stopped = [t.stopped for t in study.runner.trials.values() if t.point[k] == rung and t.stopped]
     return stopped[0].partition(":")[0] if stopped else "not tried"
 
@@ -154,7 +160,7 @@ def _reason_of_no_result(study: Cheapest, k: int, rung: int) -> str:
 def _ratios_of_nearest_pair(pairs: list[tuple[Trial, Trial]], chosen: Trial, k: int) -> str:
     """Return the ratios of error and CPU time of two trials as text; "" without pairs.
 
-    The pair is the one in `pairs` whose first trial is nearest to the trial `chosen`.
+    The two trials are the pair in `pairs` whose first trial is nearest to the trial `chosen`.
     """
     if not pairs:
         return ""
@@ -170,10 +176,10 @@ def value_text(knobs: Knobs, point: GridPoint, k: int) -> str:
 
 
 def fit_powers(trials: Sequence[Trial], k: int, ratio: float) -> tuple[float, float] | None:
-    """Fit error ~ x^p and CPU time ~ x^q, where x is the value of knob k, and return (p, q).
+    """Return (p, q) of the fits error ~ x^p and CPU time ~ x^q, where x is the value of knob k.
 
-    ratio: factor of one rung. Trials that differ only in knob k form a group; p and q are a common fit to all groups.
-    Returns None if no group has two trials.
+    ratio: ratio of the values of x one rung apart. Trials that differ only in knob k form a group; p and q are a
+    common fit to all groups. Returns None if no group has two trials.
     """
     groups: dict[GridPoint, list[Trial]] = {}
     for trial in trials:

@@ -1,8 +1,8 @@
 """Knobs of a scene: numerical parameters that the search for cheap settings varies.
 
 A knob is a number or a choice. One rung up multiplies a number by a fixed ratio, towards higher accuracy. A grid point
-is a tuple with an entry for each knob, 0 for the value in the scene: for a number it counts half rungs, for a choice it
-is the number of its value. The knobs follow from the tables of the scene and the types of their keys:
+is a tuple with an entry for each knob, 0 for the value in the scene. For a number, the entry counts half rungs; for a
+choice, the entry is the index of a value. The knobs follow from the tables of the scene and the types of their keys:
 
     particles        particle numbers of gas and dust, with a fixed smoothing length that keeps neighbour numbers
     dust particles   particle numbers of dust
@@ -26,7 +26,7 @@ from discsim.effects import effect_classes
 from discsim.formulas.smoothing import SMOOTHING
 from discsim.numerics.layout import grid_cells
 from discsim.preview.derived import particle_count
-from discsim.scene import Scene, SceneError, near
+from discsim.scene import Scene, SceneError, nearest_hint
 from discsim.scene.differences import differences
 from discsim.scene.fields import choices_in
 from discsim.scene.messages import value_at
@@ -98,10 +98,10 @@ Write = Callable[[Base, Any], Settings]  # settings of a knob from a factor, or 
 class Knob:
     """A parameter that a search varies: a number, or a choice.
 
-    keys: keys of the scene that it sets. write: write(base, factor), for a choice write(base, word), returns the
-    settings for an entry of a grid point other than 0. ratio: factor of one rung. words: values of a choice, of which
-    the first, "", stands for the value in the scene. lowest, highest, stride: range of the entry in a grid point, and
-    its steps.
+    keys: keys of the scene that the knob sets. write: write(base, factor), for a choice write(base, word), returns
+    the settings for an entry of a grid point other than 0. ratio: factor of one rung. words: values of a choice, of
+    which the first, "", stands for the value in the scene. lowest, highest, stride: range of the knob's entry in a
+    grid point, and distance between allowed entries.
     """
 
     name: str
@@ -119,11 +119,11 @@ class Knob:
         return bool(self.words)
 
     def word(self, base: Base, rung: int) -> str:
-        """Return the value number `rung` of a choice as text."""
+        """Return the value with the index `rung` of a choice, as text."""
         return self.words[rung] or str(base.value(self.keys[0]))
 
     def settings(self, base: Base, rung: int) -> Settings:
-        """Return the settings for the entry `rung` of a grid point; {} for 0."""
+        """Return the settings for the entry `rung` of this knob in a grid point; {} for 0, the value in the scene."""
         if rung == 0:
             return {}
         return self.write(base, self.words[rung] if self.is_choice else self.ratio ** (rung / UNITS_PER_RUNG))
@@ -148,7 +148,7 @@ class Knobs:
         known = [key for knob in [*given, *found] for key in (knob.name, *knob.keys)]
         for key in keep:
             if key not in known:
-                expected = f"expected one of {', '.join(known)}{near(key, known)}"
+                expected = f"expected one of {', '.join(known)}{nearest_hint(key, known)}"
                 raise StudyError(f"--keep {key}: not a key that the search varies; {expected}")
         self.all = [*given, *(knob for knob in found if not taken & {knob.name, *knob.keys[:1]})]
         if not self.all:
@@ -277,7 +277,7 @@ class Knobs:
 
 
 def _rung_limits(key: str, value: float, ratio: float, most: float = math.inf) -> tuple[int, int]:
-    """Return the range of the entry of a grid point in which a key stays within its limits.
+    """Return the smallest and the largest entry of a grid point for which the value of a key stays within its limits.
 
     value: value of the key in the scene. ratio: factor of one rung. The limits are MIN_VALUE, MAX_VALUE and `most`.
     """
@@ -303,7 +303,10 @@ def _write_multiple(*keys: str, whole: bool = False, digits: int = 4) -> Write:
 
 
 def _write_kernel(base: Base, word: str) -> Settings:
-    """Return the settings for the kernel `word`. If the scene sets eta, its ratio to the kernel's default is kept."""
+    """Return the settings for the kernel `word`.
+
+    If the scene sets eta, the ratio of eta to the kernel's default is kept.
+    """
     eta = base.written("gas.eta")
     if eta is None:
         return {"gas.kernel": word}

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from discsim.scene import Scene
-from discsim.study.errors import RINGS, is_disc, measure_of, profile_errors, profiles
+from discsim.study.errors import RINGS, binned_masses, is_disc, measure_of, profile_errors
 
 Array = np.ndarray
 Run = dict[str, Any]
@@ -90,7 +90,7 @@ def mean_run(runs: list[Run]) -> Run:
 
 def structure_of(sim: Any) -> Run:
     """Return the profiles of a simulation, and for a disc modes and clumps: lists of numbers by name and species."""
-    out: Run = {"profiles": profiles(sim)}
+    out: Run = {"profiles": binned_masses(sim)}
     if is_disc(sim.scene):
         reach = 0.5 * min(sim.scene.space.size)
         for key, of in (("modes", mode_amplitudes), ("clumps", clump_fraction)):

@@ -6,8 +6,8 @@
     dust-modes, dust-clumps            largest amplitude of m = 1..4, mass fraction in clumps (`measures.py`)
     cpu                                CPU seconds of the effects, of all threads
 
-Results with a hyphen are from the last snapshot of a disc; they exist for gas and for dust. Values are in UNITS, but
-in code units for a scene in code units and in 1D, where masses are column densities.
+Results with a hyphen are from the last snapshot of a disc; such results exist for gas and for dust. Values are in
+UNITS, but in code units for a scene in code units and in 1D, where masses are column densities.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import numpy as np
 from discsim.output.costtable import read_costs
 from discsim.output.history import TEXT_COLUMNS, history_columns, read_history
 from discsim.output.snapshot import SnapshotParticles, read_snapshot
-from discsim.scene import Scene, near
+from discsim.scene import Scene, nearest_hint
 from discsim.study.errors import is_disc
 from discsim.study.measures import clump_fraction, mode_amplitudes
 from discsim.study.points import StudyError
@@ -70,22 +70,24 @@ def outcomes_of(scene: Scene) -> dict[str, Outcome]:
             if getattr(scene, kind) is not None:
                 dimensions |= {f"{kind}-{what}": dimension for what, dimension in SNAPSHOT_RESULTS.items()}
     plain = scene.units.system == "code" or scene.space.dimensions == 1
-    made = {name: _outcome(scene, name, "" if plain else dimension) for name, dimension in dimensions.items()}
+    made = {name: _describe_outcome(scene, name, "" if plain else dimension) for name, dimension in dimensions.items()}
     return made | {"cpu": Outcome("cpu", "s", 1.0)}
 
 
-def _outcome(scene: Scene, name: str, dimension: str) -> Outcome:
+def _describe_outcome(scene: Scene, name: str, dimension: str) -> Outcome:
     """Return a kind of result with the dimension `dimension`, "" for a plain number."""
     unit = UNITS.get(dimension, "")
     return Outcome(name, unit, float(scene.units.quantity(1.0, dimension).to_value(unit)) if unit else 1.0)
 
 
 def select_outcomes(scene: Scene, names: Sequence[str] = ()) -> list[Outcome]:
-    """Return the kinds of results with these names, without names the default ones of the scene. Raises StudyError."""
+    """Return the kinds of results `names`; without names, the default results of the scene. Raises StudyError."""
     known = outcomes_of(scene)
     for name in names:
         if name not in known:
-            raise StudyError(f"--measure {name}: unknown; expected one of {', '.join(known)}{near(name, tuple(known))}")
+            raise StudyError(
+                f"--measure {name}: unknown; expected one of {', '.join(known)}{nearest_hint(name, tuple(known))}"
+            )
     return [known[name] for name in names or _default_names(scene)]
 
 
@@ -120,7 +122,8 @@ def read_results(directory: Path, scene: Scene, wanted: Sequence[Outcome]) -> Re
 def _snapshot_values(folder: Path) -> dict[str, float]:
     """Return the results from the last snapshot of a disc, in code units; `folder` contains the snapshots.
 
-    Profiles extend to 1.1 times the outer radius of the species in the first snapshot.
+    Results that come from a radial profile use radii up to 1.1 times the outer radius of the species in the first
+    snapshot.
     """
     paths = sorted(folder.glob("*.h5"))
     first, last = (read_snapshot(path).about_centre() for path in (paths[0], paths[-1]))

@@ -36,7 +36,7 @@ class Varied:
         Raises StudyError.
         """
         names, equals, written = text.partition("=")
-        keys, values = _split(names), _split(written)
+        keys, values = _split_at_commas(names), _split_at_commas(written)
         if not equals or not all(keys) or not all(values) or not values:
             wanted = "expected table.key=a,b,c, like drag.scheme=mk,tsc"
             raise StudyError(f"--vary {text}: not a key with values; {wanted}")
@@ -67,7 +67,7 @@ class Varied:
         return tuple(number for number in found if number is not None) if None not in found else None
 
 
-def _split(text: str) -> list[str]:
+def _split_at_commas(text: str) -> list[str]:
     """Split a text at commas that are not inside quotes or brackets."""
     parts, depth, quote = [""], 0, ""
     for letter in text:

@@ -46,7 +46,10 @@ class DeadlineError(Exception):
 
 
 class LoggedConsole:
-    """Printer of lines on the terminal, which also appends them to the file `log` as soon as its directory exists."""
+    """Printer of lines on the terminal, which also appends them to the file `log`.
+
+    Lines are kept until the directory of this file exists.
+    """
 
     def __init__(self, log: Path) -> None:
         self.console = Console(markup=False, highlight=False, emoji=False, soft_wrap=True)
@@ -115,7 +118,7 @@ class Runs:
         return [(run.pop("settings"), run) for run in found]
 
     def record(self, settings: Settings, run: dict[str, Any]) -> None:
-        """Append a run to the record."""
+        """Append the results `run` of a run with these settings to the record."""
         with open_to_append(self.directory / RUNS) as file:
             file.write((json.dumps({"settings": settings, **run}) + "\n").encode())
 

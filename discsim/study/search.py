@@ -1,9 +1,9 @@
 """Search for the settings with the least CPU time at a given error, by local power laws of the knobs.
 
 A knob is a parameter that the search varies. A grid point has an entry for each knob, 0 for the value in the scene. For
-a number, an entry that is larger by UNITS_PER_RUNG means a value one rung finer; for a choice, the entry is the number
-of its value. The search starts at a coarse point and moves a centre, the best point so far. For each knob k,
-`run_probes` runs the points one rung from the centre (probes), and finds
+a number, an entry that is larger by UNITS_PER_RUNG means a value one rung finer; for a choice, the entry is the index
+of a value. The search starts at a coarse point and moves a centre, the best point so far. For each knob k, `run_probes`
+runs the points one rung from the centre (probes), and finds
 
     dE_k = ln(error of probe / error of centre),   dC_k = ln(CPU time of probe / CPU time of centre)
 
@@ -51,7 +51,7 @@ MAX_FINALIST_COST, MAX_FINALISTS = 1.3, 3  # finalists: largest ratio to the CPU
 
 
 class Option(NamedTuple):
-    """A value of a knob, its entry in a grid point, with the changes dE and dC relative to the centre."""
+    """An entry of a knob in a grid point, with the changes dE and dC of a move from the centre to this entry."""
 
     rung: int
     error: float  # dE
@@ -117,9 +117,10 @@ class Search:
         return next((found for found in map(self._compare_finalists, groups) if found), None)
 
     def _run_start(self) -> bool:
-        """Run the start, the first centre; as long as it gives no result, halve its distance from the scene.
+        """Run the start, the first centre.
 
-        Returns False if even the scene itself gives no result.
+        As long as the start gives no result, halve the distance of its entries from 0, the scene. Returns False if even
+        the scene itself gives no result.
         """
         while True:
             if self.runner.is_valid(self.centre):
@@ -153,9 +154,10 @@ class Search:
                 return
 
     def run_probes(self) -> None:
-        """Run the probes, the points that differ from the centre by one rung of a number or by the value of a choice.
+        """Run the probes, points that differ from the centre in one knob.
 
-        Sets `rate` to the gain of the best knob. A value of a choice that is too expensive is not probed again.
+        A number differs by one rung, a choice by another of its values. Sets `rate` to the gain of the best knob. If a
+        value of a choice proves too expensive, this value is not probed again.
         """
         near = list(self._probes(self.centre))
         self._measure_noise()
@@ -173,8 +175,9 @@ class Search:
                 self.rejected_choices.add((knob, rung))
 
     def _measure_noise(self) -> None:
-        """Average the noise of the error with the scatter at this centre, whose weight is 2/3.
+        """Update the noise of the error with the scatter at the present centre.
 
+        The new noise is a quadratic mean: of the scatter with weight 2/3, and of the previous noise with weight 1/3.
         The noise changes along the search, because finer settings scatter less.
         """
         if self.error_noise > 0.0:
@@ -195,7 +198,7 @@ class Search:
                     yield there
 
     def _changed_knob(self, point: GridPoint) -> tuple[int, int]:
-        """Return the number of the first knob in which a point differs from the centre, and its entry in the point."""
+        """Return the index of the first knob in which a point differs from the centre, and the point's entry for it."""
         k = next(k for k, rung in enumerate(point) if rung != self.centre[k])
         return k, point[k]
 
@@ -265,7 +268,7 @@ class Search:
         The result is the centre if the predicted gain is too small.
 
         options: from `_options_by_knob`. reach: largest change of the entry of a number. missed: amount by which an
-        earlier prediction of ln error was too small; it is added to the prediction.
+        earlier prediction of ln error was too small; this amount is added to the prediction.
         """
         options = [
             [o for o in each if knob.is_choice or abs(o.rung - each[0].rung) <= reach]
@@ -348,7 +351,7 @@ class Search:
                 self._set_centre(back)
 
     def _costs_more_towards_scene(self, k: int) -> bool:
-        """Return whether one rung of knob k towards the value in the scene raises the cost by more than the noise."""
+        """Return whether moving knob k by one rung towards the value in the scene costs more, beyond the noise."""
         way = UNITS_PER_RUNG if self.centre[k] < 0 else -UNITS_PER_RUNG
         change = self._change_from_centre(with_rung(self.centre, k, self.centre[k] + way))
         return not self.knobs[k].is_choice and change is not None and change.cost > max(2.0 * MIN_GAIN, self.cost_noise)

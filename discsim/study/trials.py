@@ -1,7 +1,7 @@
 """Data types of the search for cheap settings: grid points, trials, and the protocol of the runner.
 
-A knob is a parameter that the search varies, and a rung is one of its values. A grid point has a rung for each knob. A
-trial is a grid point with the results of its runs.
+A knob is a parameter that the search varies. A grid point has an entry for each knob, a whole number that stands for
+a value; arguments `rung` are such entries. A trial is a grid point with the results of its runs.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def finished_trial(trials: Mapping[GridPoint, Trial], point: GridPoint) -> Trial
 
 
 def with_rung(point: GridPoint, knob: int, rung: int) -> GridPoint:
-    """Return a grid point with another rung of the knob number `knob`."""
+    """Return a copy of a grid point in which the knob with the index `knob` has the entry `rung`."""
     return (*point[:knob], rung, *point[knob + 1 :])
 
 
@@ -73,9 +73,9 @@ class BudgetError(Exception):
 class Runner(Protocol):
     """Protocol of the code that makes the runs of a search, and collects their results in `trials`.
 
-    `is_valid` returns whether the scene is valid with the settings of a grid point. `run` makes runs until the trial of
-    each point has results for `number` seeds, or the reason why a run gave no result, such as more than `most` CPU
-    seconds. It raises BudgetError.
+    `is_valid` returns whether the scene is valid with the settings of a grid point. `run` makes runs until the trial
+    of each point has results for `number` seeds, or the reason why a run gave no result, such as more than `most`
+    CPU seconds. `run` raises BudgetError.
     """
 
     trials: dict[GridPoint, Trial]

@@ -19,7 +19,10 @@ Result = TypeVar("Result")
 
 
 def end_with_parent() -> None:
-    """Start a thread that ends this worker process when its parent process has ended; it would otherwise never end."""
+    """Start a thread that ends this worker process when its parent process has ended.
+
+    Otherwise the worker would never end.
+    """
     parent = multiprocessing.parent_process()
     assert parent is not None
 

@@ -136,7 +136,7 @@ def test_the_frame_finds_whom_it_looks_at_where_others_come_and_go(monkeypatch):
             loose = np.concatenate([loose, others, rows % left, np.arange(min(left, len(ids)), 700)])
             ids = whole[:left]
         ids = whole[: len(ids)]
-        found = frame._sample(samples, "dust", SimpleNamespace(ids=ids, global_count=1000, unsorted_rows=loose))
+        found = frame._sampled_rows(samples, "dust", SimpleNamespace(ids=ids, global_count=1000, unsorted_rows=loose))
         assert found.tolist() == search(ids, 64).tolist() and len(found) > 0
     assert len(searches) == 3
 

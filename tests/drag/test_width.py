@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from discsim import Simulation, load_scene
-from discsim.drag.width import Width, drift_error, in_lengths
+from discsim.drag.width import CellWidth, drift_error, in_lengths
 from discsim.exact import nsh
 from discsim.preview.accuracy import accuracy_rows
 from discsim.preview.derived import drag_cell_sides, gas_at_start
@@ -58,7 +58,7 @@ def test_cells_that_a_scene_gives_stand(drag, number):
     """A length counts no h, and H limits neither."""
     scene = load_scene(ring(4000, **drag))
     assert in_lengths(scene) == pytest.approx(number, rel=1e-12)
-    assert Width(scene).limited == (not drag)
+    assert CellWidth(scene).limited == (not drag)
 
 
 @pytest.mark.parametrize("particles, aspect", [(12_000, 0.08), (12_000, 0.2), (40_000, 0.08)])

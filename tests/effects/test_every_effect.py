@@ -77,7 +77,7 @@ def test_the_same_bits_on_any_number_of_threads(monkeypatch, start):
     ends = []
     for number in on_threads(monkeypatch, (1, 3, 4)):
         if number == 4:
-            monkeypatch.setattr(threads, "_run", last_piece_first)
+            monkeypatch.setattr(threads, "_run_chunks", last_piece_first)
         sim = Simulation(scene, start)
         for _ in range(3):
             sim.step()

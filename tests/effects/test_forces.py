@@ -102,7 +102,9 @@ def test_transform_of_the_thin_disc_kernel(k):
         return np.exp(-((z / H) ** 2) / 4 - k * z) / (math.sqrt(math.pi) * H)
 
     mean = quad(share, 0, min(12 * H, 40 / k), epsrel=1e-11, limit=200)[0]
-    assert ThinDisc(H).transform(np.array(k)) == pytest.approx(-2 * np.pi * mean / k, rel=1e-10)  # the quadrature's
+    assert ThinDisc(H).potential_transform(np.array(k)) == pytest.approx(
+        -2 * np.pi * mean / k, rel=1e-10
+    )  # the quadrature's
 
 
 @given(ratio=st.floats(-3, 3), kernel=st.sampled_from([Plummer(0.1), ThinDisc(0.1)]))

@@ -27,7 +27,7 @@ def looked_up_anew():
             if isinstance(registry, parts.Registry):
                 registry.__dict__.pop("locations", None)
         tables._type_of.cache_clear()
-        loading._adapter.cache_clear()
+        loading._table_validator.cache_clear()
 
     forget()
     yield

@@ -83,8 +83,8 @@ def test_a_part_of_grids_numbers_its_cells_as_the_whole_does(periodic, box):
     images = np.array([pos + turn * [2.0, 1.0] for turn in turns])
     near = np.flatnonzero(np.any(np.all((images >= low - 0.05) & (images <= high + 0.05), axis=2), axis=0))
     key = keys_in(part, classes[near], pos[near])
-    np.testing.assert_array_equal(part.numbers()[key], keys_in(grids, classes[near], pos[near]))
-    np.testing.assert_array_equal(grids.numbers(), np.arange(grids.cells))
+    np.testing.assert_array_equal(part.indices_in_whole()[key], keys_in(grids, classes[near], pos[near]))
+    np.testing.assert_array_equal(grids.indices_in_whole(), np.arange(grids.cells))
 
 
 @pytest.mark.parametrize("periodic", [False, True])
@@ -99,7 +99,7 @@ def test_cells_that_may_be_met_are_marked(periodic, reach_of):
         filled = np.unique(keys_in(each, classes[some], pos[some])).astype(np.int64)
         marked = mark_cells(filled, each.table, np.zeros(2), each.table, reach_of, 1.2, False, periodic)
         assert not marked.all()
-        found = each.numbers()[marked]
+        found = each.indices_in_whole()[marked]
         keys = keys_in(grids, classes, pos)
         for i in some:
             away = np.abs(pos - pos[i])

@@ -11,10 +11,10 @@ def test_an_order_in_memory_hangs_on_places_and_ids_alone():
     sim = simulation(pos, 2, "open", mass=mass)
     gas, sph = sim.gas, sim.effects["gas"].sph
     gas.sort(*sph.keys(gas))
-    ids, least = gas.ids, sph.smallest_h(gas)
+    ids, least = gas.ids, sph.lower_bound_of_h(gas)
     gas.take(np.random.default_rng(2).permutation(gas.count))
     assert not np.array_equal(gas.ids, ids)
-    assert sph.smallest_h(gas) == least
+    assert sph.lower_bound_of_h(gas) == least
     gas.sort(*sph.keys(gas))
     np.testing.assert_array_equal(gas.ids, ids)
 

@@ -11,7 +11,7 @@ from discsim.numerics.bodies import Bodies
 from discsim.numerics.entries import TYPES, VECTORS
 from discsim.numerics.state import Dust, Gas
 from discsim.output.checkpoint import CheckpointError, read_checkpoint, write_checkpoint
-from discsim.physics.companions import ramped
+from discsim.physics.companions import ramp_fraction
 from discsim.run.runner import run_scene
 
 SMALL = ["gas.particles=300", "run.until=0.05", "run.every=0.02"]
@@ -239,8 +239,8 @@ def test_damaged_values_are_one_message(with_companion, tmp_path, case):
 def test_a_companion_that_has_yet_to_begin_has_no_mass(with_companion):
     (companion,) = with_companion[0].scene.companion
     # Under a ramp of 0 the whole mass is felt from the beginning on.
-    assert [ramped(companion, time) for time in (-1e300, -5e-324, 1e300)] == [0.0, 0.0, 1.0]
-    assert ramped(companion, 0.0) == (companion.ramp == 0.0)
+    assert [ramp_fraction(companion, time) for time in (-1e300, -5e-324, 1e300)] == [0.0, 0.0, 1.0]
+    assert ramp_fraction(companion, 0.0) == (companion.ramp == 0.0)
 
 
 def test_what_an_effect_spoils_is_one_message_of_a_run(tmp_path, monkeypatch, capsys):

@@ -1,4 +1,4 @@
-"""Rules for scenes with a drag scheme on a fixed 1D grid, which allow no tables or keys of particles or of 2D space."""
+"""Rules for scenes with a drag scheme on a fixed 1D grid: no tables and keys about particles or 2D space."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def _problems_of_keys(draft: Draft) -> Iterator[Problem]:
 
 
 def _problems_of_cells(draft: Draft) -> Iterator[Problem]:
-    """Yield the problems of gas and dust that are not in the same cells."""
+    """Yield a problem of each key that would put gas and dust into different cells."""
     if not draft.gas:
         return
     scheme, cells = _scheme_as_text(draft), draft.gas.particles

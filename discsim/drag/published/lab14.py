@@ -60,8 +60,8 @@ def relax_each_pair(
     """Kick gas and dust in place over dt; the slip of each pair relaxes independently of other pairs.
 
     slopes: function `slopes(sph, points, vel)` that returns the velocity gradients (n, d, d) of a species. The
-    velocities of a pair are extrapolated with them to a common point. If it returns an empty array, the slip is that
-    between the two positions. The other arguments are those of `Scheme.kick`.
+    gradients extrapolate the velocities of a pair to a common point. If `slopes` returns an empty array, velocities
+    are not extrapolated. The other arguments are those of `Scheme.kick`.
     """
     found = between.find_pairs(gas, dust, law, frame, context, whole=True)
 

@@ -40,9 +40,9 @@ class Pairs(NamedTuple):
     """Pairs of one dust population; the pairs of its dust particle j have the indices start[j] to start[j + 1] - 1.
 
     particles: the dust particles. dust, gas (pairs,): indices of the two particles of each pair. offset (pairs, d):
-    x_dust - x_gas. weight (pairs,): W(r, h_gas). by_gas (pairs,): indices of the pairs sorted by gas particle; those of
-    gas particle a are by_gas[begin[a] : begin[a + 1]]. part (pairs,): share of each pair in the drag on its dust
-    particle. time (pairs,): stopping time in the gas of the pair. rate (n,): drag rate of each dust particle.
+    x_dust - x_gas. weight (pairs,): W(r, h_gas). by_gas (pairs,): indices of the pairs sorted by gas particle; the
+    pairs of gas particle a are by_gas[begin[a] : begin[a + 1]]. part (pairs,): share of each pair in the drag on its
+    dust particle. time (pairs,): stopping time in the gas of the pair. rate (n,): drag rate of each dust particle.
     """
 
     particles: DustParticles
@@ -194,8 +194,8 @@ def results_of(dust: Dust, found: list[Pairs]) -> KickResult:
 def substep_count(scheme: str, law: DragLaw, dt: float, rate: float) -> int:
     """Return the number of explicit substeps in a kick over dt, if `rate` is the largest drag rate.
 
-    With two-way drag it is 1, as the drag limits the time step of the run instead. Raises FloatingPointError if there
-    would be more than MOST_STEPS. scheme: name of the scheme, for the message.
+    With two-way drag the result is 1, as the drag limits the time step of the run instead. Raises FloatingPointError
+    if there would be more than MOST_STEPS. scheme: name of the scheme, for the message.
     """
     if law.two_way or dt == 0.0:
         return 1

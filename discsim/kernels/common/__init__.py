@@ -1,1 +1,1 @@
-"""Loops that several parts share: arrays, sorting, the grid, neighbour lists, exact sums, random numbers."""
+"""Loops that several packages of kernels share: arrays, sorting, grid, neighbour lists, exact sums, random numbers."""

@@ -30,7 +30,7 @@ ONE, TWO, THREE, ONE_MORE = index(1), index(2), index(3), np.int32(1)
 class Candidates(NamedTuple):
     """Lists of the candidates of several cells. The list of the n-th cell is indices[begin[n]:begin[n + 1]].
 
-    The last two arrays are filled only for lists sorted into slabs, and are empty otherwise.
+    `slab_starts` and `largest_radius` are filled only for lists sorted into slabs, and are empty otherwise.
     """
 
     begin: np.ndarray  # (cells + 1,)
@@ -42,14 +42,14 @@ class Candidates(NamedTuple):
 
 
 class BlockScratch(NamedTuple):
-    """Scratch (BLOCK,) for particles of a run that are tested together."""
+    """Scratch arrays (BLOCK,) for the particles of a run that are tested together."""
 
     excess: np.ndarray  # squared distance from the box of the cell, less the squared reach
     slab: np.ndarray
 
 
 class CellScratch(NamedTuple):
-    """Scratch for the candidates of one cell, in the order in which they are found."""
+    """Scratch arrays for the candidates of one cell, in the order in which they are found."""
 
     indices: np.ndarray  # in cell order
     slabs: np.ndarray
@@ -108,7 +108,8 @@ def find_runs(box, reach, mutual, cells, runs, turns):
 def slabs_per_length(half_x, reach):
     """Return the number of slabs per unit length of x, for a cell of half width `half_x`.
 
-    SLABS slabs span the cell and its `reach` on both sides; 0 if this length is 0.
+    SLABS slabs span the cell and its `reach` on both sides. Returns 0 if the cell and its reach have no extent along
+    x.
     """
     width = half_x + reach
     return 0.5 * SLABS / width if width > 0.0 else 0.0
@@ -129,9 +130,9 @@ def slab_of(dx, per_length):
 def find_in_runs(runs, turns, count, crossing, box, reach, mutual, cells, block, indices, scratch):
     """Write the candidates among the particles of the first `count` runs to `indices`, and return their number.
 
-    Candidates are the particles within `reach` of the box and, with `mutual`, those whose own support overlaps it.
-    runs, turns, box: as in `find_runs`. Also written: the slab of each candidate to `scratch.slabs` and, if `crossing`
-    (any run is a periodic image), its run to `scratch.runs`. block: overwritten.
+    Candidates are the particles within `reach` of the box and, with `mutual`, particles whose own support overlaps
+    the box. runs, turns, box: as in `find_runs`. Also written: the slab of each candidate to `scratch.slabs` and, if
+    `crossing` (any run is a periodic image), the run of each candidate to `scratch.runs`. block: overwritten.
     """
     x, y, radius = cells.x, cells.y, cells.radius
     ox, oy, half_x, half_y = box[0], box[1], box[2], box[3]
@@ -172,9 +173,10 @@ def any_image(turns, count):
 
 @inline_jit
 def max_radius(found, indices, radius):
-    """Return the largest entry of `radius` for the first `found` entries of `indices`; the next three are overwritten.
+    """Return the largest entry of `radius` for the first `found` entries of `indices`.
 
-    There are four independent maxima, as each comparison of a single one would wait for the one before.
+    The three entries of `indices` after these are overwritten. Four maxima are computed independently, because each
+    comparison for a single maximum would wait for the comparison before.
     """
     for beyond in range(found, found + 3):
         indices[beyond] = indices[0]
@@ -210,8 +212,8 @@ def list_until_full(resume_at, first, last, filled, bounds, extent, mutual, in_s
     work: the scratch arrays (runs, turns, block, scratch) of `find_runs` and `find_in_runs`. For the other arguments
     see `list_candidates`.
 
-    Returns the number of the first cell that was not listed, `last` if there is none, and the lengths that this cell
-    needs: of `runs`, of the arrays in `scratch`, and of the arrays in `listed`.
+    Returns the index of the first cell that was not listed (`last` if all were listed), and the array lengths that
+    this cell needs: of `runs`, of the arrays in `scratch`, and of the arrays in `listed`.
     """
     runs, turns, block, scratch = work
     shift = listed.image_shift
@@ -250,9 +252,9 @@ def list_until_full(resume_at, first, last, filled, bounds, extent, mutual, in_s
 def list_candidates(first, last, filled, bounds, extent, mutual, in_slabs, cells):
     """Return the candidates of the cells filled[first:last] among the particles of `cells`, a `Candidates`.
 
-    filled, bounds (all cells, 5): the listed cells, as in `Cells`; they may be the cells of another species. The reach
-    of a listed cell is `extent` times its largest support radius. With `mutual`, particles whose own support overlaps
-    the cell are candidates too. in_slabs: whether lists are sorted into slabs.
+    filled, bounds (all cells, 5): the listed cells, as in `Cells`, which may be cells of another species. The reach
+    of a listed cell is `extent` times its largest support radius. With `mutual`, particles whose own support
+    overlaps the cell are candidates too. in_slabs: whether lists are sorted into slabs.
     """
     begin, has_images = np.zeros(last - first + 1, np.int64), np.zeros(last - first, np.bool_)
     sorted_cells = last - first if in_slabs else 0
@@ -297,8 +299,9 @@ def max_candidates(begin):
 def find_window(n, dx, reach, per_length, begin, end, listed):
     """Return the window of a particle, at a distance dx along x from the middle of the n-th cell.
 
-    The window contains all candidates from `begin` to `end` in `listed.indices` that may be within `reach` along x. It
-    is returned as its first candidate, counted from `begin`, and its length, rounded up to whole vectors.
+    The window contains all candidates from `begin` to `end` in `listed.indices` that may be within `reach` along x.
+    Returns the index of the first candidate in the window, counted from `begin`, and the length of the window,
+    rounded up to whole vectors.
     """
     slabs, start = listed.slab_starts, listed.begin[n]
     first = start + slabs[n, slab_of(dx - reach, per_length)] - begin
@@ -310,7 +313,7 @@ def find_window(n, dx, reach, per_length, begin, end, listed):
 
 @inline_sums
 def pack_positions(c, begin, end, listed, ox, oy, per_length, cells, cx, cy):
-    """Write the positions of the candidates `begin` to `end`, which are in the list of the c-th cell, to `cx` and `cy`.
+    """Write to `cx` and `cy` the positions of the candidates `begin` to `end` from the list of the c-th cell.
 
     Positions are relative to (ox, oy), and multiplied by `per_length`.
     """

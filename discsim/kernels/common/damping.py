@@ -5,9 +5,10 @@ to 1 at its far end and beyond (de Val-Borro et al. 2006, sec. 3.2). v* has a ra
 units of the Keplerian speed v_K.
 
 The velocities of a leapfrog may be those of a time s later than the positions. The velocity on a circular orbit of
-frequency Omega has then turned by asin(Omega s), and v* is rotated by this angle. If the drift contains a fraction f of
-the star's gravity, velocities are ahead only by the kick of all other forces. On a circular orbit of speed v these
-give the outward acceleration (f v_K^2 - v^2) / r; s times this acceleration is added to the radial part of v*.
+frequency Omega has then turned by asin(Omega s), and v* is rotated by this angle. If the drift contains a fraction f
+of the star's gravity, velocities are ahead only by the kick of all other forces. On a circular orbit of speed v the
+other forces give the outward acceleration (f v_K^2 - v^2) / r; s times this acceleration is added to the radial part
+of v*.
 """
 
 import math

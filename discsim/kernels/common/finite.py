@@ -10,7 +10,8 @@ from discsim.jit.index import index
 def are_finite(begin, end, values):
     """Return whether the rows `begin` to `end` of `values` (n, d) have only finite entries.
 
-    The test is whether their sum is finite; it is also False if the sum of finite entries overflows.
+    The function tests whether the sum of the entries is finite, and so also returns False if a sum of finite entries
+    overflows.
     """
     total, flat, width = 0.0, values.reshape(-1), values.shape[1]
     for i in range(index(begin * width), index(end * width)):

@@ -29,7 +29,7 @@ TILE = 6  # tiles of the sort keys are 2^TILE cells wide
 
 
 @jit_subroutine
-def _wrapped(s, count):
+def _wrapped_coordinate(s, count):
     """Return the coordinate s, in cells, wrapped to [0, count)."""
     if not 0.0 <= s < count:
         s -= count * np.floor(s / count)
@@ -42,11 +42,11 @@ def _wrapped(s, count):
 def cell_of(x, origin, inverse, count, periodic):
     """Return the index of the cell that contains x, along an axis of `count` cells.
 
-    It is -1 if x is not finite, or beyond the ends of an open axis.
+    The result is -1 if x is not finite, or beyond the ends of an open axis.
     """
     s = (x - origin) * inverse
     if periodic:
-        s = _wrapped(s, count)
+        s = _wrapped_coordinate(s, count)
     return int(s) if 0.0 <= s < count else -1
 
 
@@ -54,8 +54,8 @@ def cell_of(x, origin, inverse, count, periodic):
 def sort_keys(begin, end, pos, origin, inverse, shape, periodic, out):
     """Write to `out` (n,) the sort key of each particle, so that particles near in space become near in memory.
 
-    The key numbers the cells by rows of square tiles, and within a tile along a Z-curve. The key of particles off the
-    grid is one more than the largest of the grid.
+    The key numbers the cells by rows of square tiles, and within a tile along a Z-curve. The key of particles off
+    the grid is one more than the largest key on the grid.
     """
     plane = pos.shape[1] == 2
     bits = TILE if plane else 0
@@ -77,7 +77,7 @@ def stencil(x, origin, inverse, count, periodic):
     """
     s = (x - origin) * inverse - 0.5
     if periodic:
-        s = _wrapped(s, count)
+        s = _wrapped_coordinate(s, count)
     if not 0.0 <= s < (count if periodic else count - 1):
         return -1, -1, 0.0
     low = int(s)
@@ -115,9 +115,9 @@ def strip_keys(begin, end, pos, origin, inverse, shape, periodic, shift, key):
 def strip_runs(key, first, last):
     """Return ((begin, end), strip), arrays (runs,) with the runs of consecutive particles in one strip.
 
-    key (n,): strip of each particle, by `strip_keys`. first, last (pieces,): the runs are those of the particles from
-    first[i] to last[i], for each piece i; no piece is empty. Particles near in space are near in memory, so runs are
-    few, and sorting the runs replaces sorting the particles.
+    key (n,): strip of each particle, by `strip_keys`. first, last (chunks,): the particles first[i] to last[i] form
+    chunk i; no run extends over two chunks, and no chunk is empty. Particles near in space are near in memory, so
+    runs are few, and sorting the runs replaces sorting the particles.
     """
     count = len(first)
     for piece in range(len(first)):
@@ -141,9 +141,9 @@ def strip_runs(key, first, last):
 def _spread_batch(flat, dim, value, p, number, filled, place, shares, origin, inverse, scale, grid, corner):
     """Write the contributions of `number` particles, from the p-th on, to a batch, after its first `filled` entries.
 
-    place: index of the first node of each particle in the rows of a strip, which begin at the node `corner`. shares:
-    contributions to the four nodes. The contribution of a particle is value * scale. grid: (nx, ny, periodic, length),
-    with the length of the strip's rows.
+    place: flat index, in the strip, of the first node of each particle. The rows of the strip begin at the node
+    `corner` of the grid. shares: contributions to the four nodes. The contribution of a particle is value * scale.
+    grid: (nx, ny, periodic, length); a row of the strip has `length` nodes.
     """
     (nx, ny, periodic, length), ox, oy = grid, origin[0], origin[1]
     where = np.int32(corner[0]), np.int32(corner[1]), np.int32(length)
@@ -157,7 +157,7 @@ def _spread_batch(flat, dim, value, p, number, filled, place, shares, origin, in
         if dim == TWO:
             y = (flat[TWO * (p + j) + ONE] - oy) * inverse - 0.5
         if periodic:
-            x, y = _wrapped(x, nx), _wrapped(y, ny)
+            x, y = _wrapped_coordinate(x, nx), _wrapped_coordinate(y, ny)
         _spread_particle(filled + j, x, y, value[p + j] * scale, where, place, shares)
 
 
@@ -195,9 +195,10 @@ def deposit_strips(
 ):
     """Add `scale` times `value` (n,) of the particles to the field `out`, a `part` of the grid, by cloud in cell.
 
-    The strips `begin` to `end` are processed. runs: (begin, end) of each run, as in `strip_runs`. The runs of strip s
-    are order[start[s]:start[s + 1]]. A strip of 2^shift rows adds to its own rows of `out`. What it contributes to the
-    next row is written to `beyond` (strips, columns), which is 0 before, for `join_strips`.
+    The strips `begin` to `end` are processed. runs: (begin, end) of each run, as in `strip_runs`. The runs of strip
+    s are order[start[s]:start[s + 1]]. A strip of 2^shift rows adds to its own rows of `out`. Its contribution to
+    the row after its last row is written to `beyond` (strips, columns), which must be 0 before; `join_strips` adds
+    `beyond` to the field.
     """
     nx, ny, first_x, first_y = part
     (held, wide), (run_begin, run_end) = out.shape, runs
@@ -300,7 +301,7 @@ def _write_grid_positions(flat, dim, p, number, origin, inverse, nx, ny, periodi
             xs[j], ys[j] = (flat[p + j] - ox) * inverse - 0.5, 0.0
     if periodic:
         for j in range(number):
-            xs[j], ys[j] = _wrapped(xs[j], nx), _wrapped(ys[j], ny)
+            xs[j], ys[j] = _wrapped_coordinate(xs[j], nx), _wrapped_coordinate(ys[j], ny)
 
 
 @jit
@@ -367,8 +368,9 @@ def node_ranges(begin, end, pos, bounds, origin, inverse, shape, periodic):
 
     bounds (batches, 4): smallest and largest x and y of the particles of a batch (`kernels/mpi/batches.py`).
 
-    Returns the smallest and the largest first node along y, for each band of BAND rows (bands,); the smallest and the
-    largest along x; and the number of particles off the grid. In an empty range the smallest exceeds the largest.
+    Returns the smallest and the largest first node along y, for each band of BAND rows (bands,); the smallest and
+    the largest first node along x; and the number of particles off the grid. In an empty range the smallest exceeds
+    the largest.
     """
     count = (shape[0] - 1) // BAND + 1
     least, most, low, high, off = np.full(count, shape[1]), np.full(count, -1), shape[0], -1, 0

@@ -1,9 +1,9 @@
 """Neighbour search on cell-sorted grids, one grid for each size class of support radii.
 
-Particles whose support radius R lies in (s/2, s] share a grid with cells of side >= CELL_OVER_REACH s. Cells of
-particles with small R are therefore never searched as far as the largest R of all particles. The surroundings of a cell
-are searched on every grid, column by column: the cells of a column are adjacent in memory, and so are their particles.
-On periodic axes the search covers every image of the box within reach.
+Particles whose support radius R lies in (s/2, s] share a grid with cells of side >= CELL_OVER_REACH s. The cells of
+particles with small R are therefore not searched to the distance of the largest R of all particles. The surroundings
+of a cell are searched on every grid, column by column: the cells of a column are adjacent in memory, and so are
+their particles. On periodic axes the search covers every image of the box within reach.
 """
 
 from typing import NamedTuple
@@ -26,7 +26,7 @@ CELL_OVER_REACH = 1.0
 
 
 class Cells(NamedTuple):
-    """Particles sorted by neighbour cell. In cell order, entry k is that of particle order[k]."""
+    """Particles sorted by neighbour cell. In arrays in cell order, entry k belongs to particle order[k]."""
 
     filled: np.ndarray  # indices of the cells that hold particles
     key: np.ndarray  # (n,): cell of each particle

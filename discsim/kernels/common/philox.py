@@ -54,7 +54,7 @@ def write_normals(first, last, key, ids, step, out):
 
 @inline_jit
 def counter_words(particle, step):
-    """Return the counter for the id `particle` and a step: four words, two of each."""
+    """Return the counter for the id `particle` and a step: four words, two for the id and two for the step."""
     one, other = np.uint64(particle), np.uint64(step)
     return one & MASK, one >> HALF, other & MASK, other >> HALF
 

@@ -1,11 +1,13 @@
 """SIMD vectors of LANES = 4 numbers for numba code, for loops too short to be vectorised by the compiler.
 
-    row = load(array, at)              a vector of four elements of a contiguous array of any shape, from element `at`
-    on row + row, row - row, row * row    by lane, also with a number in place of either vector; products and sums are
-    row / row, sqrt(row)               fused where the processor can do this; sqrt also of a number extract(row, k)
-    lane k of a vector, a number horizontal_sums(a, b, c, d)        the vector of the four sums over the lanes of a, b,
-    c and d store(array, at, row)              writes a vector to the array, from element `at` on prefetch(array, at)
-    loads the cache line of element `at` zeros()                            a vector of zeros
+    row = load(array, at)               a vector of four elements of a contiguous array of any shape, from `at` on
+    row + row, row - row, row * row     by lane, also with a number in place of either vector; products and sums are
+    row / row, sqrt(row)                fused where the processor can do this; sqrt also of a number
+    extract(row, k)                     lane k of a vector, a number
+    horizontal_sums(a, b, c, d)         the vector of the four sums over the lanes of a, b, c and d
+    store(array, at, row)               writes a vector to the array, from element `at` on
+    prefetch(array, at)                 loads the cache line of element `at`
+    zeros()                             a vector of zeros
 
 Where numba's compilation is disabled, vectors are numpy arrays. The registration of types and functions follows numba's
 manual, "Low-level extension API".
@@ -127,7 +129,7 @@ def register_function(function, build, returned, *given):
     lower_builtin(function, *given)(build)
 
 
-def _lanes(numbers):
+def _lane_numbers(numbers):
     """Return the constant of lane numbers that builder.shuffle_vector needs."""
     return ir.Constant(ir.VectorType(ir.IntType(32), LANES), list(numbers))
 
@@ -145,12 +147,12 @@ def _build_horizontal_sums(context, builder, signature, arguments):
     a, b, c, d = arguments
 
     def pairs(one, other):  # sums of lanes 0 + 1 of `one`, 0 + 1 of `other`, 2 + 3 of `one`, 2 + 3 of `other`
-        even, odd = builder.shuffle_vector(one, other, _lanes((0, 4, 2, 6))), _lanes((1, 5, 3, 7))
+        even, odd = builder.shuffle_vector(one, other, _lane_numbers((0, 4, 2, 6))), _lane_numbers((1, 5, 3, 7))
         return builder.fadd(even, builder.shuffle_vector(one, other, odd))
 
     one, other = pairs(a, b), pairs(c, d)
-    low = builder.shuffle_vector(one, other, _lanes((0, 1, 4, 5)))
-    return builder.fadd(low, builder.shuffle_vector(one, other, _lanes((2, 3, 6, 7))))
+    low = builder.shuffle_vector(one, other, _lane_numbers((0, 1, 4, 5)))
+    return builder.fadd(low, builder.shuffle_vector(one, other, _lane_numbers((2, 3, 6, 7))))
 
 
 register_function(load, _build_load, vec4_type, types.Array, types.intp)
@@ -162,11 +164,11 @@ register_function(horizontal_sums, _build_horizontal_sums, vec4_type, vec4_type,
 
 
 def _as_vector(builder, kind, value):
-    """Return a vector as it is, and a number as the vector that has it in each lane."""
+    """Return a vector unchanged, and a number as a vector with this number in each lane."""
     if kind == vec4_type:
         return value
     first = builder.insert_element(ir.Constant(VECTOR, ir.Undefined), value, ir.IntType(32)(0))
-    return builder.shuffle_vector(first, ir.Constant(VECTOR, ir.Undefined), _lanes([0] * LANES))
+    return builder.shuffle_vector(first, ir.Constant(VECTOR, ir.Undefined), _lane_numbers([0] * LANES))
 
 
 def register_operator(symbol, emit, flags=("contract",)):

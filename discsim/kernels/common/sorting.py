@@ -43,8 +43,8 @@ def count_keys(part_from, part_to, key, parts, place):
 def write_order(part_from, part_to, key, parts, place, order):
     """Write the indices of the particles, sorted by `key` (n,), to `order` (n,).
 
-    place: position in `order` of the next particle, for each key and part; the index is key * parts + part. Changed in
-    place: it ends as the start of the next key and part.
+    place: position in `order` of the next particle, for each key and part; the index is key * parts + part. `place`
+    changes: at the end, each entry is the start of the next key and part.
     """
     stride = index(parts)
     for part in range(part_from, part_to):
@@ -73,8 +73,8 @@ def mark_unsorted(first, last, ids, order, out):
 def sort_members(first, last, keys, start, ids, order):
     """Sort the particles order[start[k]:start[k + 1]] of each key k in keys[first:last] by their ids, in place.
 
-    ids (n,): distinct integers. They mostly ascend already, so only the particles that are out of order are sorted, and
-    then merged with the others.
+    ids (n,): distinct integers. The ids mostly ascend already, so only the particles that are out of order are
+    sorted, and then merged with the others.
     """
     most = 0
     for n in range(first, last):
@@ -83,16 +83,17 @@ def sort_members(first, last, keys, start, ids, order):
     unsorted, unsorted_ids = np.empty(most, order.dtype), np.empty(most, ids.dtype)
     for n in range(first, last):
         members = order[start[keys[n]] : start[keys[n] + 1]]
-        held = _split(members, ids, rising, rising_ids, unsorted, unsorted_ids)
+        held = _split_rising(members, ids, rising, rising_ids, unsorted, unsorted_ids)
         _shell_sort(len(members) - held, unsorted, unsorted_ids)
-        _merge(members, held, rising, rising_ids, unsorted, unsorted_ids)
+        _merge_rising(members, held, rising, rising_ids, unsorted, unsorted_ids)
 
 
 @inline_jit
-def _split(members, ids, rising, rising_ids, unsorted, unsorted_ids):
+def _split_rising(members, ids, rising, rising_ids, unsorted, unsorted_ids):
     """Split the particles `members` into some whose ids ascend, `rising`, and the others, `unsorted`.
 
-    Written with their ids, to the beginning of the four last arguments. Returns the number of rising ones.
+    The particles and their ids are written to the beginning of the last four arguments. Returns the number of
+    particles in `rising`.
     """
     held = 0
     for k in range(len(members)):
@@ -127,7 +128,7 @@ def _shell_sort(count, members, ids):
 
 
 @inline_jit
-def _merge(members, held, rising, rising_ids, unsorted, unsorted_ids):
+def _merge_rising(members, held, rising, rising_ids, unsorted, unsorted_ids):
     """Merge the first `held` particles of `rising` with `unsorted`, both sorted by id, into `members`.
 
     Particles are written from the last to the first.

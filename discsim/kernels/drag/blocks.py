@@ -213,7 +213,7 @@ def _least_side(gas, h_sum, required):
 
 
 @inline_jit
-def _status(gas, dust, h_sum, side, required):
+def _block_status(gas, dust, h_sum, side, required):
     """Return DONE, or the reason why a block should be merged further.
 
     gas, dust: numbers of particles in the block. h_sum: sum of h of the gas. side: side of the block.
@@ -244,7 +244,9 @@ def _load_leaves(tx, ty, gas, dust, h_sum, required, tree, squares):
             if gas[b] + dust[b] > 0:
                 has_particles = True
                 squares.h_sum[x, y], squares.blocks[x, y] = h_sum[b], 1
-                squares.status[x, y] = _status(squares.gas[x, y], squares.dust[x, y], h_sum[b], required.leaf, required)
+                squares.status[x, y] = _block_status(
+                    squares.gas[x, y], squares.dust[x, y], h_sum[b], required.leaf, required
+                )
                 tree.final[b] = squares.status[x, y] == DONE
     return has_particles
 
@@ -284,7 +286,7 @@ def _merge_children(level, bx, by, tx, ty, required, tree, squares):
             # Leaves without gas or without dust may be below the smallest side; to merge them is no enlargement.
             wide = gas > 0 and 0.5 * side > _least_side(gas, h_sum, required) * (1.0 - TIE)
             tree.enlarged[b] |= wide and worst != SMALL
-            worst_now, blocks = _status(gas, dust, h_sum, side, required), 1
+            worst_now, blocks = _block_status(gas, dust, h_sum, side, required), 1
             tree.final[b] = worst_now == DONE or level == LEVELS
         worst = worst_now
     squares.gas[x, y], squares.dust[x, y], squares.h_sum[x, y] = gas, dust, h_sum
@@ -319,10 +321,10 @@ def merge(first, last, gas, dust, h_sum, required, tree, count):
 
 @inline_jit
 def _largest_block_at(z, tx, ty, tree):
-    """Return (ix, iy, level, found) of the largest final block that begins at place z of a Z-curve.
+    """Return (ix, iy, level, found) of the largest final block that begins at the index z along the Z-curve.
 
-    (tx, ty): first leaf of the top-level block. ix, iy: leaf at place z. found: whether a final block begins there; if
-    not, `level` is that of a square in which no final block begins.
+    (tx, ty): first leaf of the top-level block. ix, iy: leaf at index z. found: whether a final block begins there;
+    if not, `level` is that of a square in which no final block begins.
     """
     x, y = z_position(z)
     ix, iy, level = tx + x, ty + y, LEVELS

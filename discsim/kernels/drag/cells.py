@@ -8,8 +8,8 @@ velocity and source about the centroid. With e_j = M_j / M_g
 
 is solved exactly over dt for the velocities at one common point X, V_s - G (X_s - X). G is the slope that fits all
 species, each about its own mean. Differences of slopes relax in the same way, weighted by the moments of inertia I_s,
-so that sum_s I_s G_s stays. The residual velocity r_i of a particle about the linear field of its own species, with the
-residual source b_i, is damped:
+so that sum_s I_s G_s does not change. The residual velocity r_i of a particle about the linear field of its own
+species, with the residual source b_i, is damped:
 
     r_i' = r_i exp(-dt/t) + b_i t (1 - exp(-dt/t)),   1/t = 1/t_j for dust, sum_j e_j / t_j for gas    (2)
 
@@ -124,7 +124,8 @@ def to_kepler_frame(p, count, x0, y0, star, softening, sense):
 def relax_two_slopes(one, rate, dim, dt, exponential, o):
     """Write to `o` the changes of the velocity slopes of gas and population `one`; their difference decays at `rate`.
 
-    `rate` is that of the mean velocities. I_0 G_0 + I_1 G_1 stays, which conserves angular momentum within the block.
+    `rate` is that of the mean velocities. I_0 G_0 + I_1 G_1 does not change, which conserves angular momentum within
+    the block.
     """
     f, g = response(rate, dt, exponential)
     xx, xy = o[0, INERTIA] + o[one, INERTIA], o[0, INERTIA + 1] + o[one, INERTIA + 1]
@@ -205,8 +206,8 @@ def write_velocity_changes(p, first, last, o, s, sources, f, g):
 def lost_energy(p, first, last, o, s, sources, dt):
     """Return the kinetic energy that the packed particles `first` to `last` of species s lose by drag.
 
-    It is minus the sum of m dv . v. dv is the velocity change by drag, which `write_velocity_changes` stored in place
-    of the position. v is the velocity at mid-step relative to the mean velocity of the gas.
+    The result is minus the sum of m dv . v. dv is the velocity change by drag, which `write_velocity_changes` stored
+    in the rows of the position. v is the velocity at mid-step relative to the mean velocity of the gas.
     """
     ax, ay = (-o[s, BX], -o[s, BY]) if sources else (0.0, 0.0)
     ux = 0.5 * dt * (o[s, BX] - o[0, BX] + ax) - o[0, VX]
@@ -221,10 +222,10 @@ def lost_energy(p, first, last, o, s, sources, dt):
 
 @inline_jit
 def lost_energy_of_frame(kind, first, last, at, p, dt):
-    """Return the kinetic energy that drag removes because of the velocities that packed particles leave out.
+    """Return the kinetic energy that drag removes because of velocities that the packed velocities exclude.
 
-    These are the Keplerian velocity, and half the kick by the accelerations that gas and dust share. Drag that moves
-    momentum between two orbits changes the energy.
+    Excluded are the Keplerian velocity, and half the kick by the accelerations that gas and dust share. Drag that
+    moves momentum between two orbits changes the energy.
     """
     lost, sources = 0.0, len(kind.source) > 0
     for k in range(first, last):
@@ -239,7 +240,7 @@ def lost_energy_of_frame(kind, first, last, at, p, dt):
 def kick(kind, first, last, at, p, dt):
     """Kick the particles kind.order[first:last] in place, by accelerations over dt and by the velocity changes in `p`.
 
-    at: column of the first of them in `p`.
+    at: column of the first of these particles in `p`.
     """
     for k in range(first, last):
         i, j = kind.order[k], index(k - first + at)

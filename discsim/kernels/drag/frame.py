@@ -13,15 +13,15 @@ from discsim.kernels.common.simd import sqrt
 class Frame(NamedTuple):
     """Circular motion about the star, which is subtracted from velocities.
 
-    star, softening: mass and softening length of the star; star is 0 if there is none. sense: sense of rotation sigma,
-    one number if it is the same everywhere, else one number per ring. low, per_ring: the first ring begins at
-    ln r^2 = low, and `per_ring` rings lie in a unit of ln r^2.
+    star, softening: mass and softening length of the star; without a star the mass is 0. sense: sense of rotation
+    sigma, one number if it is the same everywhere, else one number per ring. low, rings_per_unit: ring i extends in
+    ln r^2 from low + i / rings_per_unit to low + (i + 1) / rings_per_unit.
     """
 
     star: float
     softening: float
     low: float
-    per_ring: float
+    rings_per_unit: float
     sense: np.ndarray
 
 
@@ -50,6 +50,6 @@ def rotation_sign(r2, frame):
     sense = frame.sense
     if len(sense) == 1:
         return sense[0]
-    place = min(max((math.log(r2) - frame.low) * frame.per_ring - 0.5, 0.0), len(sense) - 1.0)
+    place = min(max((math.log(r2) - frame.low) * frame.rings_per_unit - 0.5, 0.0), len(sense) - 1.0)
     ring = min(int(place), len(sense) - 2)
     return sense[ring] + (place - ring) * (sense[ring + 1] - sense[ring])

@@ -104,9 +104,9 @@ def solve(xx, xy, yy, xu, xv, yu, yv, dim, factor):
 
 @inline_jit
 def solve_columns(o, s, xx, xy, yy, f, out, dim, factor):
-    """Apply `solve` to the four moments o[s, f] and following; write the slope to o[s, out] and following.
+    """Apply `solve` to the four moments from o[s, f] on, and write the four numbers of the slope from o[s, out] on.
 
-    Returns `found` of `solve`. factor: as there.
+    Returns `found` of `solve`. factor: as in `solve`.
     """
     found, o[s, out], o[s, out + 1], o[s, out + 2], o[s, out + 3] = solve(
         xx, xy, yy, o[s, f], o[s, f + 1], o[s, f + 2], o[s, f + 3], dim, factor
@@ -116,7 +116,7 @@ def solve_columns(o, s, xx, xy, yy, f, out, dim, factor):
 
 @jit_subroutine
 def fit_species(o, s, dim, fade):
-    """Fit the slopes of velocity and source of row s of `o`, times `fade`, and return `fade`.
+    """Fit the slopes of velocity and source of species s, write them, times `fade`, to row s of `o`; return `fade`.
 
     Without a fit the slopes and the result are 0.
     """

@@ -58,7 +58,10 @@ class Scratch(NamedTuple):
 
 @jit_subroutine
 def squared_slip(y, s):
-    """Return the squared slip of population s."""
+    """Return the squared slip of population s.
+
+    y (n, d): velocities of the gas (row 0) and of the populations.
+    """
     total = 0.0
     for c in range(y.shape[1]):
         total += (y[s, c] - y[0, c]) ** 2
@@ -146,7 +149,8 @@ def relax_nonlinear(
     """Write to `change` (n, d) the velocity changes of `relax_means`, for drag that depends on the slip.
 
     time (n,): on input the stopping times at zero slip, on output their means over the kick. law, grains: form and
-    parameters of the drag law. density, sound, omega: of the gas. The other arguments are those of `relax_means`.
+    parameters of the drag law. density, sound, omega: density, thermal speed and orbital frequency of the gas. The
+    other arguments are those of `relax_means`.
     """
     n, dim = y.shape
     linear_time, speed_terms, rate = np.empty(n), np.zeros((n, 2)), np.zeros(n)

@@ -25,7 +25,7 @@ CLIP = 1e-3  # eta^2 / h^2 of Monaghan & Kocharyan, which keeps r r / (r^2 + eta
 
 @jit
 def list_pairs(first, last, lists, dust_cells, cells, pos, radius, start, gas, offset):
-    """Write the pairs of each dust particle in cells `first` to `last` to `gas` (pairs,) and `offset` (pairs, d).
+    """Write to `gas` (pairs,) and `offset` (pairs, d) the pairs of each dust particle in the cells `first` to `last`.
 
     gas: index of the gas particle. offset: x_dust - x_gas. The pairs of dust particle j begin at start[j]. If `gas` is
     empty, only the number of pairs of j is written, to start[j + 1]. lists, dust_cells, cells: candidate neighbours,
@@ -121,7 +121,7 @@ class PairSpecies(NamedTuple):
 
 
 class PairList(NamedTuple):
-    """Pairs of the dust particles of one population; those of dust particle j are start[j] to start[j + 1] - 1.
+    """Pairs of the dust particles of one population; the pairs of dust particle j are start[j] to start[j + 1] - 1.
 
     gas (pairs,): index of the gas particle. part (pairs,): V_a W, the share of the pair in the drag on its dust
     particle. time (pairs,): stopping time.
@@ -278,7 +278,7 @@ def removed_fractions(first, last, begin, order, offset, pull, mass, share):
 
 @jit
 def largest_pair_sums(first, last, begin, order, mine, one, other, both):
-    """Write to `both` (n,) the largest sum, over the pairs of a particle, of its own fraction and its partner's.
+    """Write to `both` (n,), for each particle, its own fraction plus the largest fraction of its partners.
 
     one (n,), other: results of `removed_fractions` for the particles and for their partners. mine (pairs,): index of
     the partner. begin, order: as in `removed_fractions`.
@@ -305,7 +305,7 @@ def limit_impulses(first, last, start, gas, both, gas_both, impulse):
 
 @jit
 def apply_impulses(first, last, begin, order, impulse, sign, mass, vel):
-    """Add the impulses of its pairs, times `sign`, to the velocity of each particle in `vel` (n, d).
+    """Change the velocity of each particle, in `vel` (n, d), by the impulses of its pairs times `sign`.
 
     impulse (pairs, d). sign: 1 for dust, -1 for gas. begin, order: as in `removed_fractions`. mass (n,): masses of the
     particles.
@@ -320,10 +320,11 @@ def apply_impulses(first, last, begin, order, impulse, sign, mass, vel):
 
 @jit
 def add_pair_heat(first, last, by_gas, begin, dust, impulse, mass, mean, gmean, heat):
-    """Add to `heat` (gas,) the heat per mass that the pairs of each gas particle leave in it.
+    """Add to `heat` (gas,) the heat per mass that each gas particle gains from its pairs.
 
-    The heat of a pair is -impulse . slip, with the velocities `mean` of the dust and `gmean` of the gas halfway through
-    the kick. It is the whole loss of kinetic energy apart from the work of the accelerations.
+    The heat of a pair is -impulse . slip, with the velocities `mean` of the dust and `gmean` of the gas halfway
+    through the kick. Together, the heat of all pairs is the whole loss of kinetic energy apart from the work of the
+    accelerations.
     """
     for a in range(first, last):
         for m in range(begin[a], begin[a + 1]):

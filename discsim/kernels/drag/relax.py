@@ -42,9 +42,9 @@ def relax_pair(w0, w1, rate, y0, y1, b0, b1, dt, exponential):
 def relax_separately(mass, time, y, b, two_way, dt, exponential, scratch, slip, drive):
     """Write the velocity changes by drag over dt: those due to initial slips to `slip`, due to sources to `drive`.
 
-    Row 0 of the arrays (n, d) is the gas, the others are populations; those without mass do not change, and with
-    one-way drag the gas does not. mass, time (n,): masses and stopping times. y, b (n, d): velocities and sources.
-    scratch: overwritten, as in `relax_coupled`.
+    Row 0 of the arrays (n, d) is the gas, the other rows are populations; populations without mass do not change,
+    and with one-way drag the gas does not change. mass, time (n,): masses and stopping times. y, b (n, d):
+    velocities and sources. scratch: overwritten, as in `relax_coupled`.
     """
     n, dim = y.shape
     for s in range(n):
@@ -64,8 +64,8 @@ def relax_separately(mass, time, y, b, two_way, dt, exponential, scratch, slip, 
 def relax_means(mass, time, y, b, two_way, dt, exponential, several, scratch, change):
     """Write the velocity changes (n, d) of gas (row 0) and populations by drag over dt to `change`.
 
-    The arguments and the result are those of `relax_separately`, with the sum of the two parts. several: None if there
-    is one population; numba then leaves out the code for several, which saves seconds of compilation.
+    `change` is the sum of `slip` and `drive` of `relax_separately`, which has the same arguments. several: None if
+    there is one population; numba then leaves out the code for several, which saves seconds of compilation.
     """
     n, dim = y.shape
     count, only = 0, 0

@@ -8,12 +8,12 @@ import numpy as np
 class Species(NamedTuple):
     """Particles of the gas, or of all dust populations, sorted into blocks.
 
-    pos, vel, acc (n, d), mass (n,): arrays of the state; a kick changes `vel`. source (n, d): accelerations that act on
-    this species only, without rows if there are none. density (n,): density of the gas. Of dust it has `Dust.per_grain`
-    of `drag/base.py`, or is empty. sound (n,): sqrt(P / rho) of the gas; empty for dust. order, start: particle indices
-    sorted by block and, in a block, by population; those of population p in block b are order[start[i] : start[i + 1]]
-    with i = b number + p. number: number of populations, 1 for gas. first: number of the first population among all
-    species, 0 for gas and 1 for dust.
+    pos, vel, acc (n, d), mass (n,): arrays of the state; a kick changes `vel`. source (n, d): accelerations that act
+    on this species only, without rows if there are none. density (n,): density of the gas. For dust the array has
+    `Dust.per_grain` of `drag/base.py`, or is empty. sound (n,): sqrt(P / rho) of the gas; empty for dust. order,
+    start: particle indices sorted by block and, in a block, by population; the particles of population p in block b
+    are order[start[i] : start[i + 1]] with i = b number + p. number: number of populations, 1 for gas. first: index
+    of the first population among all species, 0 for gas and 1 for dust.
     """
 
     pos: np.ndarray

@@ -121,10 +121,10 @@ def gas_at(r2, disc):
 def time_on_path(mach2, reynolds2, slow, excess, shear, kappa2):
     """Return the stopping time t at the slip w of the steady drift (3), which itself depends on t.
 
-    This is the root of Z = (t H / slow)^2 = 1, with H the drag factor at the slip (`drag_factor`). With u = t^2 the
-    slip of (3) is w^2 = F^2 u (1 + B^2 u) / (1 + kappa^2 u)^2. Each iteration approximates Z by a power law u^p with
-    the local exponent p. Far from the root it solves the power law; where Z is within a factor of 2 of 1 it takes a
-    step of Halley's method, of third order.
+    The stopping time is the root of Z = (t H / slow)^2 = 1, with H the drag factor at the slip (`drag_factor`). With
+    u = t^2 the slip of (3) is w^2 = F^2 u (1 + B^2 u) / (1 + kappa^2 u)^2. Each iteration approximates Z by a power
+    law u^p with the local exponent p. Far from the root it solves the power law; where Z is within a factor of 2 of
+    1 it takes a step of Halley's method, of third order.
     """
     slow2, speed2 = slow * slow, excess * excess
     u = slow2
@@ -178,8 +178,8 @@ def path_at(x, y, k, disc):
 def responses(x):
     """Return exp(-x) and four means over s in [0, x].
 
-    They are the means of exp(-s), and of exp(s - x) times (1 - exp(-s))/x, 2 exp(-s) (1 - exp(-s))/x, and
-    (1 - exp(-s))^2 / x^2.
+    The four are the means of exp(-s), and of exp(s - x) times (1 - exp(-s))/x, 2 exp(-s) (1 - exp(-s))/x, and (1 -
+    exp(-s))^2 / x^2.
     """
     if x < SERIES:
         first = 1.0 - x * (0.5 - x * (1.0 / 6.0 - x * (1.0 / 24.0 - x * (1.0 / 120.0 - x / 720.0))))
@@ -242,8 +242,8 @@ def collocation_means(x, answer):
 def middle_weights(f, s):
     """Return the weights of N1 and N2 in the velocity at the middle of a sub-step.
 
-    They hold for a parabola through 0, N1 and N2 at the start, middle and end. f, s: `collocation_means` of s and of
-    s^2 / 2, or of (1 - s) s and (1 - s) s^2 / 2, over the first half of the sub-step.
+    The weights hold for a parabola through 0, N1 and N2 at the start, middle and end. f, s: `collocation_means` of s
+    and of s^2 / 2, or of (1 - s) s and (1 - s) s^2 / 2, over the first half of the sub-step.
     """
     return f - s, 0.5 * s - 0.25 * f
 
@@ -261,8 +261,8 @@ def end_weights(f, s):
 def velocity_from_n(n1, n2, weights, turned, turn, dt):
     """Return the radial and azimuthal velocity that N1 and N2 add within dt.
 
-    weights, turned: weights of N1 and N2 by `middle_weights` or `end_weights`, `turned` for the radial acceleration by
-    the azimuthal velocity; `turn` is the factor of the latter.
+    weights: weights of N1 and N2 by `middle_weights` or `end_weights`. turned: such weights for the radial
+    acceleration that the azimuthal velocity causes. turn: factor of the azimuthal velocity in this acceleration.
     """
     radial = n1[0] * weights[0] + n2[0] * weights[1]
     spun = n1[1] * turned[0] + n2[1] * turned[1]
@@ -277,7 +277,7 @@ def larger_size(a, b):
 
 @jit_subroutine
 def step_by_speed(delta, m, path, a_r, a_phi, spin, dt):
-    """Return (delta, m) of eqs. (5) and (6) after one sub-step dt, and its estimated error, over the largest slip."""
+    """Return (delta, m) of eqs. (5) and (6) after one sub-step dt, and the estimated error over the largest slip."""
     r = path.r
     slip2, fast = drag_factor_at(path, delta, m)
     rate = fast / path.slow
@@ -317,7 +317,10 @@ def step_by_speed(delta, m, path, a_r, a_phi, spin, dt):
 
 @jit
 def relax_by_speed(delta, m, path, a_r, a_phi, spin, dt):
-    """Return (delta, m) of eqs. (5) and (6) after dt, in sub-steps: the stopping time depends on the slip."""
+    """Return (delta, m) of eqs. (5) and (6) after dt, for a stopping time that depends on the slip.
+
+    dt is divided into sub-steps.
+    """
     done, step, count = 0.0, dt, 0
     while done < dt:
         count += 1

@@ -90,7 +90,7 @@ def pack_gas(begin, end, indices, order, h, mass, speed2, pack):
 
 @njit(inline="always")
 def add_gas(x, y, n, pack, sums):
-    """Add the terms of n packed gas particles in S, S h, S c^2, grad S and grad (S c^2) at (x, y) to `sums` (7,)."""
+    """Add to `sums` (7,) the terms of n packed gas particles in S, S h, S c^2, grad S and grad (S c^2) at (x, y)."""
     s = length = speed = sx = sy = vx = vy = 0.0
     for k in range(n):
         dx, dy = x - pack[X * STRIDE + k], y - pack[Y * STRIDE + k]
@@ -121,10 +121,10 @@ def write_gas(dim, j, sums, field):
 
 @functools.cache
 def gas_driver(kernel: int, dim: int):
-    """Return the kernel of the sums (1): it writes the gas at each grain to `field` (n, 3 + 2 d).
+    """Return the kernel that computes the sums (1) and writes the gas at each grain to `field` (n, 3 + 2 d).
 
-    lists: candidate lists of gas particles, for the filled cells `first` to `last` of `grains`. cells: those of the
-    gas. pos (n, d): grains. h, mass, speed2 (gas,): h, mass and c^2 of the gas particles.
+    lists: candidate lists of gas particles, for the filled cells `first` to `last` of `grains`. cells: cells of the
+    gas. pos (n, d): positions of the grains. h, mass, speed2 (gas,): h, mass and c^2 of the gas particles.
     """
 
     @jit_sums_alloc
@@ -154,9 +154,9 @@ def gas_driver(kernel: int, dim: int):
 def recoil_driver(kernel: int):
     """Return the kernel that subtracts from the gas the angular momentum that grains gained, by the weights in (1).
 
-    It changes the velocities `gvel` (gas, 2), and processes the filled cells `first` to `last` of the gas, `cells`.
-    lists: candidate lists of grains. gpos, h (gas,): positions and h of the gas. per_density (n,): angular momentum
-    that each grain gained, over S at the grain; 0 where there is no gas. centre: as in `CircularOrbits`.
+    The kernel changes the velocities `gvel` (gas, 2), and processes the filled cells `first` to `last` of the gas,
+    `cells`. lists: candidate lists of grains. gpos, h (gas,): positions and h of the gas. per_density (n,): angular
+    momentum that each grain gained, over S at the grain; 0 where there is no gas. centre: as in `CircularOrbits`.
     """
     sigma = NORM[1][kernel]
 
@@ -206,9 +206,9 @@ def write_gas_of_disc(first, last, pos, disc, field):
 
 @inline_jit
 def slopes_of_time(law, grain, density, sound, star, own):
-    """Return the derivatives of ln t, t the stopping time, by ln of the gas density, of the sound speed and of Omega.
+    """Return d ln t / d ln x of the stopping time t, for x the gas density, the sound speed and Omega.
 
-    grain: row of constants of the drag law. star: Omega, 0 without a star. own: t itself.
+    grain: row of constants of the drag law. star: Omega, 0 without a star. own: the value of t.
     """
     up = 1.0 + RELATIVE_STEP
     per = 1.0 / math.log(up)
@@ -222,8 +222,8 @@ def slopes_of_time(law, grain, density, sound, star, own):
 def write_diffusivities(first, last, pos, centre, species, field, times, norm, fresh, stirring, diffusivity, drift):
     """Write D of each grain to `diffusivity` (n,), and grad D + D grad ln S to `drift` (n, d).
 
-    Both are 0 where there is no gas or no drag. field: the gas at the grains. stirring: a `Turbulence`. species (n,):
-    population of each grain.
+    D and the drift are 0 where there is no gas or no drag. field: the gas at the grains. stirring: a `Turbulence`.
+    species (n,): population of each grain.
 
     If `fresh`, the stopping times are `times` (n,), and `norm` (n,) is set to their ratios to the values of the drag
     law for the gas in `field`. Otherwise the stopping times are the values of the law times `norm`. Returns the largest
@@ -288,10 +288,10 @@ def random_walk(first, last, pos, vel, ids, diffusivity, drift, field, key, step
     """Displace grains by eq. (2) over dt: change `pos` (n, d) and, about a star, `vel` (n, 2).
 
     diffusivity, drift, field: results of `write_diffusivities`, and the gas at the grains. The random numbers are those
-    of `key`, the `ids` (n,) of the grains and the `step`. circles: `CircularOrbits`. gained (n,): the angular momentum
-    per mass that each grain gains is written to it, unless it is empty.
+    of `key`, the `ids` (n,) of the grains and the `step`. circles: `CircularOrbits`. gained (n,): output, the angular
+    momentum per mass that each grain gains; not written if it is empty.
 
-    The displacement by the drift diverges at the edge of the gas. It is limited to half the LENGTH of `field`.
+    The displacement by the drift, which diverges at the edge of the gas, is limited to half the LENGTH of `field`.
     """
     dim = pos.shape[1]
     for i in range(first, last):

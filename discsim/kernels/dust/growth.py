@@ -136,8 +136,8 @@ def grow(first, last, dt, star, softening, pos, centre, field, alpha, grains, ma
     """Advance the `size` (n,) of grains over dt, and write the mass that each gains or loses by (3) to `wanted` (n,).
 
     field: surroundings of the grains. alpha, mass (n,): turbulence at the grains, and masses of the dust particles.
-    centre: position of the star. Returns the largest rate d ln a / dt after both changes, without the limit by
-    fragmentation.
+    centre: position of the star. Returns the largest rate d ln a / dt after the changes of size and mass, without
+    the limit by fragmentation.
     """
     k, fastest = np.zeros(7), 0.0
     for j in range(first, last):

@@ -35,9 +35,9 @@ OFFERED = FIRST_FREE
 def pack_shares(begin, end, indices, order, field, wanted, vel, pack):
     """Write to `pack` how the grains `begin` to `end` exchange mass with a gas particle, by eq. (4).
 
-    TAKEN and GIVEN are factors of W and of the mass of small dust, or of gas, in the gas particle; 0 for padding. Also
-    written are b and the velocity of the exchanged mass. field: surroundings of the grains. wanted, vel: mass that each
-    grain gains, and velocities.
+    Row TAKEN: mass taken from a gas particle, divided by W and the mass of its small dust. Row GIVEN: mass given to
+    a gas particle, divided by W and its mass of gas. Both rows are 0 for padding. Other rows: b, and the velocity of
+    the exchanged mass. field: surroundings of the grains. wanted, vel: mass that each grain gains, and velocities.
     """
     first, count = index(begin), index(end - begin)
     for k in range(count):
@@ -55,10 +55,10 @@ def pack_shares(begin, end, indices, order, field, wanted, vel, pack):
 
 @njit(inline="always")
 def add_shares(x, y, n, pack, sums):
-    """Add to `sums` (6,) the exchange of mass and momentum (2) between a gas particle at (x, y) and n packed grains.
+    """Add to `sums` (6,) the mass and momentum that a gas particle at (x, y) exchanges with n packed grains.
 
-    The first three sums are taken from the gas particle, per mass of its small dust. The last three are given to it,
-    per mass of its gas. The norm of W is not included.
+    The first three sums are mass and momentum (2) taken from the gas particle, per mass of its small dust. The last
+    three are mass and momentum given to the gas particle, per mass of its gas. The norm of W is not included.
     """
     demanded = ax = ay = mass = px = py = 0.0
     for k in range(n):
@@ -77,11 +77,11 @@ def add_shares(x, y, n, pack, sums):
 
 @functools.cache
 def exchange_gas_driver(kernel: int):
-    """Return the kernel that computes what gas particles give and receive; they are not changed.
+    """Return the kernel that computes the mass and momentum that gas particles give and receive.
 
-    Written for each gas particle: `share` (n,), the fraction of its small dust that is taken; `spread` (n,), this
-    fraction over the fraction that grains demand; and `received` (n, 3), the mass that it receives, and the momentum
-    that it receives minus the momentum that is taken.
+    The kernel does not change the particles. Written for each gas particle: `share` (n,), the fraction of its small
+    dust that is taken; `spread` (n,), this fraction divided by the fraction that grains demand; and `received` (n, 3),
+    the mass that it receives, and the momentum that it receives minus the momentum that is taken.
     """
     sigma = NORM[1][kernel]
 
@@ -142,8 +142,8 @@ def sum_offers(x, y, bx, by, n, pack):
 def exchange_dust_driver(kernel: int):
     """Return the kernel that adds the exchanged mass to dust particles.
 
-    It changes `mass` (n,) by `wanted` (n,), or by less where the gas has less small dust, and `vel` (n, 2) by the
-    momentum of the mass taken. spread: result of the kernel of `exchange_gas_driver`.
+    The kernel changes `mass` (n,) by `wanted` (n,), or by less where the gas has less small dust, and `vel` (n, 2)
+    by the momentum of the mass taken. spread: result of the kernel of `exchange_gas_driver`.
     """
 
     @jit_sums_alloc

@@ -137,7 +137,9 @@ def add_moments(row, first_of, x, y, n, pack, sums):
 
 @njit(inline="always")
 def add_flow(x, y, n, pack, sums):
-    """Add to `sums`, from entry FLOW on, moments 1, x, y about (x, y) of the momentum of small dust on each axis."""
+    """Add to `sums`, from entry FLOW on, sums of the momentum of small dust times 1, x and y about (x, y), on each
+    axis.
+    """
     u = ux = uy = v = vx = vy = 0.0
     for k in range(n):
         dx, dy = pack[X * STRIDE + k] - x, pack[Y * STRIDE + k] - y
@@ -156,8 +158,8 @@ def add_flow(x, y, n, pack, sums):
 def add_means(x, y, along_x, along_y, n, pack, sums):
     """Add to `sums`, from entry MEANS on, five sums over n packed gas particles, weighted by volume and W.
 
-    They are sums of 1, grown dust and pressure, and the derivatives along (along_x, along_y) of the sums of pressure
-    and of 1.
+    The sums are those of 1, grown dust and pressure, and the derivatives along (along_x, along_y) of the sums of
+    pressure and of 1.
     """
     whole = deposit = push = slope = tilt = 0.0
     for k in range(n):

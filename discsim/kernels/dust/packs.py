@@ -111,7 +111,7 @@ def weighted_sum(n, row, pack):
 
 @cached_njit(**INLINE, fastmath={"nnan", "nsz"})  # vectorised, as NaN is excluded
 def largest_distance(n, pack):
-    """Return the largest distance among those of n packed gas particles that have W > 0."""
+    """Return the largest distance of a gas particle with W > 0, among n packed ones."""
     far = 0.0
     for k in range(index(n)):
         far = max(far, pack[R * STRIDE + k] if pack[W * STRIDE + k] > 0.0 else 0.0)

@@ -40,7 +40,7 @@ def limited_slope(left, centre, right):
 
 
 @jit_subroutine
-def monotone(left, centre, right):
+def limited_edges(left, centre, right):
     """Return the values at the two ends of a cell's parabola, limited so that it has no extremum inside (1.10).
 
     left, right: values at the ends before the limit. centre: mean of the cell.
@@ -71,7 +71,7 @@ def parabolas(mean, flatness, left, right):
         high = 0.5 * (mean[i] + mean[i + 1]) - (slope[i + 1] - slope[i]) / 6.0
         low += flatness[i] * (mean[i] - low)
         high += flatness[i] * (mean[i] - high)
-        left[i], right[i] = monotone(low, mean[i], high)
+        left[i], right[i] = limited_edges(low, mean[i], high)
 
 
 @jit_subroutine
@@ -132,7 +132,7 @@ def gas_flux(left, right, gamma, flux):
 
 @jit
 def through_faces(state, gamma):
-    """Return the fluxes through the n + 1 faces of n cells: of the gas (3, n + 1), and of the dust (2, n + 1) twice.
+    """Return the fluxes through the n + 1 faces of n cells: one of the gas (3, n + 1), and two of the dust (2, n + 1).
 
     The two fluxes of dust are the flux to the right, and the flux to the left, which is negative. state (5, n + 2
     GHOSTS): state of the cells and of ghost cells at both ends. gamma: adiabatic index, 0 for isothermal gas.
@@ -159,9 +159,9 @@ def through_faces(state, gamma):
 def keep_positive(density, momentum, rightward, leftward, ratio, periodic):
     """Limit the fluxes of dust out of each cell, in place, to the dust that the cell contains.
 
-    Where the fluxes of the parabolas would remove more than MOST of a cell's dust, they are replaced by the fluxes of a
-    uniform cell with the cell's velocity. density, momentum (n,): of the dust at the start of the step. rightward,
-    leftward (2, n + 1): fluxes to the right and to the left. ratio: dt / dx.
+    Where the fluxes of the parabolas would remove more than MOST of a cell's dust, these fluxes are replaced by the
+    fluxes of a uniform cell with the cell's velocity. density, momentum (n,): of the dust at the start of the step.
+    rightward, leftward (2, n + 1): fluxes to the right and to the left. ratio: dt / dx.
     """
     n, fastest = len(density), (1.0 - 1e-12) / ratio  # slightly less than all, with a margin for rounding
     for i in range(n):

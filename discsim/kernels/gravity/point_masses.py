@@ -1,7 +1,7 @@
 """Softened point masses: the gravity of the star and companions on particles, and of particles on these bodies.
 
 Sums over particles are exact (`kernels/common/totals.py`), and therefore bitwise the same on any number of threads.
-They are returned as `limbs` of these exact sums. Kernels process the particles `begin` to `end`.
+Kernels return the sums as `limbs`. Kernels process the particles `begin` to `end`.
 """
 
 import math
@@ -27,8 +27,8 @@ def _set_to_zero(begin, end, out):
 def attract(begin, end, pos, acc, first, mass, softening, x0, y0):
     """Subtract mass d / (d^2 + s^2)^(3/2) from `acc` (n, 2): the gravity of a body at (x0, y0).
 
-    d: offset of a particle from the body; s: softening; mass: G M. With `first`, `acc` is uninitialised on input. It is
-    then set to 0 block by block, so that memory is read once.
+    d: offset of a particle from the body; s: softening; mass: G M. With `first`, `acc` is uninitialised on input.
+    `acc` is then set to 0 block by block, so that memory is read once.
     """
     flat, out = pos.reshape(-1), acc.reshape(-1)  # strides of two and unsigned indices: vectorised
     for block in range(begin, end, MAX_TERMS):
@@ -55,7 +55,7 @@ def add_to_each(begin, end, vectors, x, y):
 
 @jit
 def attract_mutually(begin, end, pos, acc, first, mass, pull, softening, x0, y0):
-    """Do what `attract` does, and return the gravity of the particles on the body, as limbs (2, LIMBS).
+    """Add the gravity of a body as `attract` does, and return the gravity of particles on the body, limbs (2, LIMBS).
 
     mass (n,): masses of the particles; their gravity on the body is the sum of m d / (d^2 + s^2)^(3/2). pull: G M of
     the body.
@@ -82,7 +82,7 @@ def attract_mutually(begin, end, pos, acc, first, mass, pull, softening, x0, y0)
 
 @jit
 def attract_moving(begin, end, pos, vel, acc, mass, pull, softening, x0, y0, vx0, vy0):
-    """Do what `attract_mutually` does, for a body that moves with velocity (vx0, vy0).
+    """Add the gravity of a body as `attract_mutually` does, for a body that moves with velocity (vx0, vy0).
 
     Returns (limbs, (nearest2, crossing2)): the gravity of the particles on the body, the smallest d^2, and the smallest
     (d^2 + s^2) / v^2, with v the velocity relative to the body.
@@ -121,7 +121,8 @@ def squared_distance(i, flat, x0, y0):
 def least_squared_distance(first, last, flat, x0, y0):
     """Return the smallest squared distance of the positions `first` to `last` from (x0, y0); flat: positions, one axis.
 
-    There are four minima, as each comparison of a single one would wait for the one before.
+    Four minima are computed independently, because each comparison for a single minimum would wait for the
+    comparison before.
     """
     one = two = three = four = np.inf
     whole = first + (last - first) // FOUR * FOUR

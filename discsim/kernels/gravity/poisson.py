@@ -1,9 +1,9 @@
 """Loops of the Poisson solver: copies between buffers for transforms along y and along x, and the kernel's product.
 
-The solver transforms the rows of a field along y, and then the columns of the result along x. Between these it stores
-the result in tiles. A tile (nx, TILE) is contiguous and has TILE columns, so that no copy from rows to tiles, or from
-tiles to columns, has long strides. Buffers are wider than their content, so that their rows do not map to the same
-cache lines; a shape with ">= n" is that of such a buffer.
+The solver transforms the rows of a field along y, and then the columns of the result along x. Between the two
+transforms it stores the field in tiles. A tile (nx, TILE) is contiguous and has TILE columns, so that no copy from
+rows to tiles, or from tiles to columns, has long strides. Buffers are wider than their content, so that their rows
+do not map to the same cache lines; a shape with ">= n" is that of a wider buffer.
 """
 
 from discsim.jit.decorators import inline_jit, jit
@@ -37,7 +37,7 @@ def store_rows(rows, first, shift, border, field):
 
 @jit
 def rows_to_tiles(rows, first, tiles):
-    """Copy `rows` (batch, >= number of tiles * TILE) to `tiles` (tiles, nx, TILE), from row `first` of these on."""
+    """Copy `rows` (batch, >= m * TILE) into `tiles` (m, nx, TILE): row i of `rows` goes to tiles[:, first + i]."""
     for t in range(tiles.shape[0]):
         for i in range(min(rows.shape[0], tiles.shape[1] - first)):
             for c in range(TILE):
@@ -46,7 +46,7 @@ def rows_to_tiles(rows, first, tiles):
 
 @jit
 def tiles_to_rows(tiles, first, rows):
-    """Copy `tiles`, from row `first` on, to `rows`: the reverse of `rows_to_tiles`."""
+    """Copy tiles[:, first + i] to row i of `rows`, for all rows: the reverse of `rows_to_tiles`."""
     for t in range(tiles.shape[0]):
         for i in range(min(rows.shape[0], tiles.shape[1] - first)):
             for c in range(TILE):
@@ -73,15 +73,16 @@ def store_columns(columns, tile):
 def multiply_columns(columns, quadrant, first, length):
     """Multiply `columns` (TILE, >= 2 * length), in place, by the kernel's transform.
 
-    A row of `columns` has `length` complex modes kx of one ky, with real and imaginary parts alternating. quadrant (ky,
-    kx): the transform, which is real and even; it has only the first half of the kx. first: ky of the first row.
+    A row of `columns` has `length` complex modes kx of one ky, with real and imaginary parts alternating. quadrant
+    (ky, kx): the transform, which is real and even; `quadrant` has only the first half of the kx. first: ky of the
+    first row.
     """
     for c in range(min(TILE, quadrant.shape[0] - first)):
-        _multiply(columns[c], quadrant[first + c], length, 1)
+        _multiply_column(columns[c], quadrant[first + c], length, 1)
 
 
 @inline_jit
-def _multiply(column, factor, length, unpaired):
+def _multiply_column(column, factor, length, unpaired):
     """Multiply the `length` complex modes in `column`, in place, by real factors that are even in the mode number.
 
     factor[k] is for mode k of the first half. Mode length - 1 - k of the second half has factor[k + unpaired], where
@@ -112,7 +113,7 @@ def load_halves(tile, nx, wave, columns):
 
 @jit
 def store_halves(columns, nx, border, wave, tile):
-    """Write the rows that are needed of an inverse transform of length 2n to `tile`.
+    """Write to `tile` those rows of an inverse transform of length 2n that the solver needs.
 
     columns (2, TILE, >= n): the inverse transforms `even` and `odd` of the even and odd modes. Row i < n of the whole
     transform is even[i] + conj(wave[i]) odd[i], and row n + i is even[i] - conj(wave[i]) odd[i]. The tile gets the
@@ -147,5 +148,5 @@ def multiply_halves(columns, quadrant, first, length):
     """
     even = length // 2 + 1
     for c in range(min(TILE, quadrant.shape[0] - first)):
-        _multiply(columns[0, c], quadrant[first + c, :even], length, 1)
-        _multiply(columns[1, c], quadrant[first + c, even:], length, 0)
+        _multiply_column(columns[0, c], quadrant[first + c, :even], length, 1)
+        _multiply_column(columns[1, c], quadrant[first + c, even:], length, 0)

@@ -17,8 +17,8 @@ ONE, WHOLE = index(1), index(BATCH)
 def bounds_of(first, last, some, pos, out):
     """Write to `out` (batches, 4) the bounds of the batches `some`: smallest and largest x, smallest and largest y.
 
-    first, last: range of `some` to write. pos (n, d): positions. In one dimension the bounds in y are 0. A batch with a
-    position that is not finite gets NaN.
+    some: indices of batches. first, last: range of `some` to write. pos (n, d): positions. In one dimension the bounds
+    in y are 0. A batch with a position that is not finite gets NaN.
     """
     # One scalar per bound: arrays of partial bounds, written in each iteration, took three times as long (2026-11).
     flat, dim = pos.reshape(-1), index(pos.shape[1])

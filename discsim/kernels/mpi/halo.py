@@ -1,4 +1,4 @@
-"""Halo of an MPI rank: the neighbour cells and drag blocks of other ranks that the sums of its own particles need."""
+"""Halo of an MPI rank: the neighbour cells and drag blocks of other ranks that sums of local particles need."""
 
 import math
 
@@ -72,9 +72,10 @@ def _fill_marked_boxes(corners, begin, out):
 
 @jit_subroutine
 def _mark_cells_in_box(x0, x1, y0, y1, grid, periodic, corners):
-    """Mark the cells x0 to x1 and y0 to y1 of a whole grid in the part that `grid` describes, in each periodic image.
+    """Mark a box of cells of a whole grid, and its periodic images, in the part of the grid that `grid` describes.
 
-    The box is added at its corners in `corners` (nx + 1, ny + 1).
+    The box has the cells x0 to x1 and y0 to y1. The marks are added at the four corners of the box in `corners` (nx
+    + 1, ny + 1), from which `_fill_marked_boxes` fills the box.
     """
     nx, ny, all_x, all_y = int(grid[NX]), int(grid[NX + 1]), int(grid[ALL_X]), int(grid[ALL_X + 1])
     from_x, from_y, turns = int(grid[FROM_X]), int(grid[FROM_X + 1]), 1 if periodic else 0
@@ -93,9 +94,10 @@ def _mark_cells_in_box(x0, x1, y0, y1, grid, periodic, corners):
 
 @jit
 def _cells_in_reach(i, side, away, per, reach):
-    """Return the first and last cell of side `per` within `reach` of cell i of side `side`, along one axis.
+    """Return the first and the last cell within `reach` of another cell, along one axis.
 
-    away: position at which the cells of side `per` begin, relative to the cells of side `side`.
+    The other cell is cell i of a grid with cells of side `side`. The results are cells of a second grid, with cells
+    of side `per`, which begins at the position `away` relative to the first grid.
     """
     low, high = (i - EDGE) * side - away - reach, (i + 1 + EDGE) * side - away + reach
     return math.floor(low / per), math.floor(high / per)
@@ -105,8 +107,8 @@ def _cells_in_reach(i, side, away, per, reach):
 def mark_blocks(own, centre_node, stencil, node_cells, rings, out):
     """Mark in `out` (blocks,) the blocks on which the kick of the blocks `own` depends.
 
-    These are the blocks about the nine nodes of each block, and about `rings` rings of nodes around these. centre_node,
-    stencil, node_cells: as in `NodeCells` of `drag/nodes.py`.
+    Marked are the blocks about the nine nodes of each block, and about `rings` rings of nodes around the nine.
+    centre_node, stencil, node_cells: as in `NodeCells` of `drag/nodes.py`.
     """
     marked = np.zeros(len(stencil), np.bool_)
     for block in own:
@@ -142,10 +144,11 @@ def number_runs(first, last, out):
 
 @jit
 def particles_in_runs(first, last, some, key, of, number):
-    """Return (particles, numbers): particles whose cells are in the runs, and the numbers of the cells in the runs.
+    """Return (particles, numbers) for the particles whose cells are in the runs.
 
-    number: result of `number_runs`. key (n,): cell of each particle; if `of` is not None, the cell is of[key]. Only the
-    batches some[first:last] are searched.
+    particles (m,): indices of the particles. numbers (m,): index of the cell of each particle among the cells in the
+    runs. number: result of `number_runs`. key (n,): cell of each particle; if `of` is not None, the cell is of[key].
+    Only the batches some[first:last] are searched.
     """
     out, numbers, count = np.empty(MARGIN, np.int64), np.empty(MARGIN, np.uint32), index(0)
     for k in range(first, last):
@@ -174,8 +177,8 @@ def batches_near(first, last, bounds, origin, side, lattice, rows, marked):
     """Return the batches `first` to `last` that may have a particle in one of the top-level blocks `marked` (x, y).
 
     bounds (batches, 4): bounds of each batch. origin (2,): position of the lattice. side: side of a leaf. lattice:
-    first leaf of this part along x and y, then number of leaves in a period along x and y, 0 in open space. rows:
-    leaves along the side of a top-level block.
+    first leaf of this rank's part along x and y, then number of leaves in a period along x and y, 0 in open space.
+    rows: leaves along the side of a top-level block.
     """
     out, count = np.empty(last - first, np.int64), 0
     for batch in range(first, last):
@@ -219,7 +222,7 @@ def renumber(first, last, number, anew):
 
 @jit
 def mark_top_blocks(leaf, own, out):
-    """Mark the top-level blocks that have own blocks in out[0], and those that have other blocks in out[1].
+    """Mark in out[0] the top-level blocks that contain own blocks, and in out[1] those that contain other blocks.
 
     out (2, x, y). leaf (blocks, 2): first leaf of each block. own (blocks,): whether a block is an own block.
     """
@@ -242,11 +245,11 @@ def blocks_in(leaf, marked):
 
 @jit
 def block_number_ranges(leaf, level, first, rows, begin, end):
-    """Write the range of the numbers of each block's leaves in the whole lattice, from `begin` up to `end` (blocks,).
+    """Write the first index, `begin`, and one more than the last, `end` (blocks,), of the leaves of each block.
 
-    Leaves are numbered by top-level blocks, of which there are `rows` along y, and in a top-level block along a
-    Z-curve. leaf (blocks, 2), level (blocks,): first leaf and level of each block, in a part that begins at the leaf
-    `first` (2,).
+    The indices are those in the whole lattice. Leaves are numbered by top-level blocks, of which there are `rows` along
+    y, and in a top-level block along a Z-curve. leaf (blocks, 2), level (blocks,): first leaf and level of each block,
+    in a part that begins at the leaf `first` (2,).
     """
     x0, y0, mask = first[0], first[1], (1 << LEVELS) - 1
     for block in range(len(level)):
@@ -299,7 +302,7 @@ def _clamped(index, count):
 
 @jit
 def mark_leaves(first, last, gas, dust, side, leaves, out):
-    """Mark leaves with particles in `leaves` (nx, ny), and in `out` (x, y) the blocks of leaves that have any.
+    """Mark in `leaves` (nx, ny) the leaves with particles, and in `out` (x, y) the blocks of leaves with particles.
 
     A block has `side` by `side` leaves.
 

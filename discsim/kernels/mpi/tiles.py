@@ -33,7 +33,7 @@ def _tile_of(pos, i, tiles):
 
 @jit
 def tiles_of(first, last, pos, tiles, out):
-    """Write the tile of each position (n, d) to `out` (n,), or the nearest tile.
+    """Write to `out` (n,) the tile of each position (n, d), or the nearest tile if the position is outside all tiles.
 
     tiles: (low, per_tile, along), the lower corner (d,), the number of tiles per length, and the number along each
     axis.
@@ -66,7 +66,7 @@ def rows_in_marked_tiles(first, last, pos, bounds, tiles, marked):
 
 @inline_jit
 def _marked_about(x0, x1, y0, y1, dim, tiles, marked, most):
-    """Return whether any tile in the box x0 to x1, y0 to y1 is marked, or it has more than `most` tiles or NaN."""
+    """Return whether the box x0 to x1, y0 to y1 has a marked tile, more than `most` tiles, or a bound that is NaN."""
     low, _, along = tiles
     if not x0 <= x1:
         return True
@@ -97,9 +97,9 @@ def _is_near(x0, x1, y0, y1, dim, margin, ends, tiles, marked):
 def rows_near_marked_tiles(first, last, pos, bounds, margin, ends, tiles, marked):
     """Return the indices of the positions (n, d) within `margin` of `marked` tiles (tiles,), or outside `ends` (2, d).
 
-    Only the batches from `first` to `last` are searched. Other positions of a batch that qualifies are returned too,
-    unless the batch is wide, as after the arrival of particles; it is then tested row by row. bounds (batches, 4):
-    bounds of each batch. tiles: as in `tiles_of`.
+    Only the batches from `first` to `last` are searched. If the bounds of a batch qualify, all its positions are
+    returned. Only a wide batch, as after the arrival of particles, is tested row by row. bounds (batches, 4): bounds
+    of each batch. tiles: as in `tiles_of`.
     """
     out, count, dim = np.empty(MARGIN, np.int64), index(0), pos.shape[1]
     wide = FEW / tiles[1]
@@ -136,8 +136,8 @@ def rows_in_global_order(place, held, loose, others):
     """Return (first, last, rises): rows sorted by their global index, as ranges of successive rows.
 
     Range i has the rows from first[i] up to last[i]. rises: whether the global index really rises along the ranges.
-    place (n,): global index of each row. It rises along the first `held` rows, except at the rows `loose`, which are in
-    ascending order. others: the rows `loose` and all rows from `held` on, sorted by `place`.
+    place (n,): global index of each row. `place` rises along the first `held` rows, except at the rows `loose`,
+    which are in ascending order. others: the rows `loose` and all rows from `held` on, sorted by `place`.
     """
     most = 2 * len(others) + len(loose) + 1
     first, last, count = np.empty(most, np.int64), np.empty(most, np.int64), 0
@@ -221,9 +221,10 @@ def particles_near_other_ranks(first, last, some, pos, origin, inverse, periodic
 
 @jit
 def zero_nodes_of_others(first, last, x, y, owner, rank, begin, end, out):
-    """Set `out` (nx, ny) to 0 at the nodes of ranks other than `rank`, in the columns `begin` to `end` (nx,) of a row.
+    """Set `out` (nx, ny) to 0 at the nodes of ranks other than `rank`.
 
-    x (nx,), y (ny,): tiles of the nodes along x and y. owner (along x, along y): rank of each tile.
+    begin, end (nx,): only the columns begin[i] to end[i] - 1 of row i are changed. x (nx,), y (ny,): tiles of the nodes
+    along x and y. owner (along x, along y): rank of each tile.
     """
     for i in range(first, last):
         row, whose = out[i], owner[x[i]]
@@ -246,7 +247,10 @@ def copy_spans(first, last, field, row, begin, end, start, out):
 
 @jit
 def write_spans(found, row, begin, end, start, add, field):
-    """Copy spans from `found` (m,) to a field, the reverse of `copy_spans`; with `add`, add them to it instead."""
+    """Copy spans from `found` (m,) to a field, the reverse of `copy_spans`.
+
+    add: whether to add the spans to the field instead.
+    """
     for k in range(len(row)):
         place, some = field[row[k], begin[k] : end[k]], found[start[k] : start[k + 1]]
         for i in range(len(some)):

@@ -127,7 +127,7 @@ def radiative_loss(u, equilibrium, column, omega, kappa, unit):
 def energy_rate(u, rate, lowest, equilibrium, column, omega, kappa, unit):
     """Return du/dt of (2) and its derivative with respect to u.
 
-    rate: heating. If it is negative, by expansion, it is multiplied by u / lowest where u is below `lowest`. Other
+    rate: heating. A negative rate, by expansion, is multiplied by u / lowest where u is below `lowest`. Other
     arguments: as in `radiative_loss`.
     """
     lost, steep = radiative_loss(u, equilibrium, column, omega, kappa, unit)

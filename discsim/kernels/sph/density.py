@@ -158,8 +158,8 @@ def add_density(single, kernel, dim, derived, x, y, vx, vy, inv_h, n, pack, memb
 def normalise_sums(norm, dim, derived, total, first, second, div, curl, more_div, more_curl):
     """Return seven quantities of a member from its sums.
 
-    They are h^d rho, (h / rho) drho/dh, (h^2 / rho) d2rho/dh2, h div v, h curl v, h d(div v)/d ln h and
-    h d(curl v)/d ln h. rho is in units of the mass unit of the pack.
+    The quantities are h^d rho, (h / rho) drho/dh, (h^2 / rho) d2rho/dh2, h div v, h curl v, h d(div v)/d ln h and h
+    d(curl v)/d ln h. rho is in units of the mass unit of the pack.
     """
     rate = 1.0 / total
     first *= rate
@@ -174,10 +174,10 @@ def normalise_sums(norm, dim, derived, total, first, second, div, curl, more_div
 def improve_h(dim, m, h, rule, low, high, rho, slope, curve):
     """Take one step towards the root h of eq. (1); return (found, step, h, rho, Omega, low, high).
 
-    m: mass. slope, curve: (h / rho) drho/dh and (h^2 / rho) d2rho/dh2. low, high: bounds between which the root lies,
-    which are returned closer. found: whether the step is the last one. It is then of third order in `step`, the change
-    relative to h, and rho and Omega are those of the new h. All possible results are computed and then selected, so
-    that the calling loop is vectorised.
+    m: mass. slope, curve: (h / rho) drho/dh and (h^2 / rho) d2rho/dh2. low, high: bounds between which the root
+    lies, which are returned closer. found: whether the step is the last one. The last step is of third order in
+    `step`, the change relative to h, and rho and Omega are those of the new h. All possible results are computed and
+    then selected, so that the calling loop is vectorised.
     """
     inv_h, eta, h_least, h_most = 1.0 / h, rule.eta, rule.least, rule.most
     # eq. (1) is t = 1 with t = (eta / h) (m / rho)^(1/d); h - t h has the slope `rise`.
@@ -238,7 +238,10 @@ def improve_all_h(dim, derived, rule, unit_mass, n, tile):
 
 @inline_sums
 def member_index(p):
-    """Return the index of the p-th member of a cell in the array of the members; row constants are added to it."""
+    """Return the index of the p-th member of a cell in the array of the members.
+
+    Callers add the constant of a row to this index.
+    """
     lane = index(p) & LAST
     return (index(p) - lane) * IN_ALL + lane
 
@@ -321,10 +324,10 @@ def pack_masses(dim, moving, begin, end, indices, order, vel, mass, ux, uy, per_
 def density_driver(kernel: int, dim: int, derived: int, single: bool):
     """Return the kernel that computes h, density, Omega and derivatives of the velocity for each particle.
 
-    derived: which derivatives. single: whether packs are of single precision. The kernel processes the cells
-    filled[first:last]. Its results go to `found`, a `DensityOutput`. part: candidate lists, and `Scratch`. unit_mass: a
-    power of two, the unit of masses in packs. outgrown (cells,), written: whether a member needs a longer list. These
-    cells need a second pass with longer lists; again: whether this is a second pass.
+    derived: which derivatives are computed. single: whether packs are of single precision. The kernel processes the
+    cells filled[first:last]. Its results go to `found`, a `DensityOutput`. part: candidate lists, and `Scratch`.
+    unit_mass: a power of two, the unit of masses in packs. outgrown (cells,), written: whether a member needs a
+    longer list. The marked cells need a second pass with longer lists; again: whether this is a second pass.
     """
     moving = derived != NO_DERIVATIVES
     sums = SUMS_OF_SLOPES if derived == SLOPES else SUMS

@@ -88,8 +88,8 @@ def write_force_columns(
 ):  # fmt: skip
     """Write to `columns` (n, c), in cell order, the data of each particle that the force sums read.
 
-    c is 8, 11 or 14 (see `packs.py`). The data are in units of `scale`. given, found: input and results of the density
-    pass. alpha: of artificial viscosity. nu (n,): shear viscosity; empty if there is none.
+    c is 8, 11 or 14 (see `packs.py`). The data are in units of `scale`. given, found: input and results of the
+    density pass. alpha: coefficient alpha of artificial viscosity. nu (n,): shear viscosity; empty if there is none.
     """
     vel, mass, h, rho, gradh, div, curl = given.vel, given.mass, found.h, found.rho, found.gradh, found.div, found.curl
     dim = vel.shape[1]
@@ -153,8 +153,8 @@ def pack_columns(dim, moving, viscous, conductive, shearing, indices, norm, fram
 def prefetch_columns(begin, indices, columns):
     """Prefetch the rows of `columns` of the next cell's candidates, for `pack_columns`.
 
-    begin: beginnings of the candidate lists in `indices`, from the next cell on. It has one entry if there is no next
-    cell.
+    begin: beginnings of the candidate lists in `indices`, from the next cell on. `begin` has one entry if there is
+    no next cell.
     """
     if len(begin) > 1:
         for k in range(index(begin[0]), index(begin[1])):
@@ -176,9 +176,10 @@ def pack_distances(single, x, y, n, pack):
 
 @inline_sums
 def pack_gradients(kernel, dim, inv_h, n, pack):
-    """Write to `pack` dW/dr of both kernels of each pair: with 1/h `inv_h` of the particle, and of the candidate.
+    """Write to `pack` two dW/dr for each pair: with the particle's 1/h, `inv_h`, and with that of the candidate.
 
-    Masses are included. The norm is included only in the candidate's; the sums apply the other.
+    Masses are included. The norm is included only in the candidate's dW/dr; `force_sums` multiplies by the norm for
+    the particle.
     """
     inv_h = pack.dtype.type(inv_h)
     for k in range(n):
@@ -191,7 +192,10 @@ def pack_gradients(kernel, dim, inv_h, n, pack):
 
 @inline_sums
 def bounded_sum(uneven, own, other, inv_rho_i, inv_rho_j):
-    """Return own + other, terms by the two kernels of a pair; if masses are `uneven`, limited as by MOST_UNEVEN."""
+    """Return own + other, the sum of the terms by the two kernels of a pair.
+
+    uneven: whether masses may differ; a lower bound with the factor MOST_UNEVEN then applies to the sum.
+    """
     if uneven:
         return max(own + other, MOST_UNEVEN * (inv_rho_i * own + inv_rho_j * other) / (inv_rho_i + inv_rho_j))
     return own + other
@@ -305,7 +309,7 @@ def add_cell_sums(
     """Add the sums of a cell's particles to `acc` (n, d) and `rate` (n,), and return three rates that limit the step.
 
     own: index of the first particle of the cell in cell order. still (n,): particles whose acceleration does not limit
-    the step; may be empty. units: of acceleration and heating in the pack, and 1 over that of speed.
+    the step; may be empty. units: units of acceleration and of heating in the pack, and one over the unit of speed.
 
     The results are maxima over the cell, in units of the pack: the rate at which h is crossed, the fourth power of the
     rate of free fall through h, |a|^2 / h^2, and the rate of conduction.
@@ -336,10 +340,10 @@ def force_driver(
     viscous: kind of artificial viscosity. energetic, conductive, shearing: whether gas has an energy, artificial
     conductivity, and shear viscosity. uneven: whether masses may differ. single: whether packs are of single precision.
 
-    The kernel adds to `acc` (n, d) and, for gas with an energy, to du/dt in `rate` (n,). It processes the cells
-    filled[first:last] whose entry of `marked` equals `wanted`. part: candidate lists, and `Scratch`. It returns the
-    largest rates of crossing h, signal c_s / h + closing max(0, -div v), of falling through h, sqrt(|a| / h), and of
-    conduction.
+    The kernel adds to `acc` (n, d) and, for gas with an energy, to du/dt in `rate` (n,). The kernel processes the
+    cells filled[first:last] whose entry of `marked` equals `wanted`. part: candidate lists, and `Scratch`. The
+    kernel returns the largest rates of crossing h, signal c_s / h + closing max(0, -div v), of falling through h,
+    sqrt(|a| / h), and of conduction.
     """
     moving = viscous != NO_VISCOSITY or energetic or shearing
     norm = NORM[dim - 1][kernel] * shape_factors.py_func(kernel)[1]

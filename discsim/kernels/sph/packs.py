@@ -27,7 +27,7 @@ ROWS = OTHER + 1
 
 
 class Scale(NamedTuple):
-    """Units of packs. They are powers of two, so that a division by them is exact."""
+    """Units of packs. The units are powers of two, so that a division by them is exact."""
 
     mass: float
     length: float

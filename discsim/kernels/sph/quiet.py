@@ -23,12 +23,12 @@ FARTHEST = 3.0
 def follow_density(
     first, last, time, memory, omega, slopes, density, pressure, sound, inv_size, followed, divergence, shock, updated
 ):  # fmt: skip
-    """Advance the densities `followed` (n,) by eq. (1) to `time`, and scale `pressure` (n,) to these densities.
+    """Advance the densities `followed` (n,) by eq. (1) to `time`.
 
-    memory: tau Omega. omega (n,): orbital frequencies. slopes (n, 3): velocity gradients, xx, xy and yy. density (n,):
-    SPH densities. inv_size (n,): 1 / h. A particle with followed = 0 starts with its SPH density. Also changed in
-    place, and needed for the next call: `divergence` of the velocity, strength of the `shock`, and `updated`, the time
-    of the followed density, (n,) each.
+    `pressure` (n,) is rescaled in proportion to these densities. memory: tau Omega. omega (n,): orbital frequencies.
+    slopes (n, 3): velocity gradients, xx, xy and yy. density (n,): SPH densities. inv_size (n,): 1 / h. A particle with
+    followed = 0 starts with its SPH density. Also changed in place, and needed for the next call: `divergence` of the
+    velocity, strength of the `shock`, and `updated`, the time of the followed density, (n,) each.
 
     The velocity gradient of a particle with few neighbours is noise. Noise that lowers a density enlarges the
     acceleration by the pressure, and this acceleration enlarges the divergence. The factor FARTHEST stops this runaway.

@@ -136,23 +136,24 @@ class Field:
 def of_particles(
     species: str, dimension: str, label: str, **more: Any
 ) -> Callable[[Callable[[Snapshot], Array]], Field]:
-    """Return a decorator that makes a field of a function that returns a value for each particle of a species.
+    """Return a decorator that turns a function into a field.
 
-    On pixels and in rings, the field is the mass-weighted mean of these values. `more` are attributes of `Field`.
+    The function returns a value for each particle of a species. On pixels and in rings, the field is the mass-weighted
+    mean of these values. `more` are attributes of `Field`.
     """
     return lambda values: Field("particles", species, values, dimension, label, **more)
 
 
 def density(species: str, label: str, **more: Any) -> Callable[[Callable[[Snapshot], Array]], Field]:
-    """Return a decorator that makes a density of a function that returns a mass (n,) for each particle of a species.
+    """Return a decorator that turns a function into a density field.
 
-    `more` are attributes of `Field`.
+    The function returns a mass (n,) for each particle of a species. `more` are attributes of `Field`.
     """
     return lambda values: Field("density", species, values, "density", label, **more)
 
 
 def of_places(dimension: str, label: str, **more: Any) -> Callable[[Callable[[Any], Array]], Field]:
-    """Return a decorator that makes a field in bins of a function of other fields in the same bins.
+    """Return a decorator that turns a function of other fields in the same bins into a field in bins.
 
     The argument `at` of the function has the other fields, as in `at["gas.temperature"]`. `more` are attributes of
     `Field`.

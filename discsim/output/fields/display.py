@@ -42,11 +42,12 @@ class DisplayOptions:
     """Display options of a figure or field.
 
     `window` is the region to show. Its numbers are (R), half the side of a square or the outer radius; (R1, R2), a
-    range of radii; or (X, Y, R), the middle and half the side. It is a text like "50 au,80 au", a Quantity, or an array
-    in code units. A Quantity or an array may also have the corners (lower, upper). `limits` are the lowest and the
-    highest value on the colour bar or axis, in its unit. `distance` is the distance of the disc as an astropy Quantity,
-    with which maps have angles in arcsec. `corners` (of a map) and `ends` (a range of radii), in code units, replace
-    `window` if they are set; see `common_to`. `prefix` precedes the names of arguments in messages, such as "--".
+    range of radii; or (X, Y, R), the middle and half the side. `window` is a text like "50 au,80 au", a Quantity, or
+    an array in code units. A Quantity or an array may also have the corners (lower, upper). `limits` are the lowest
+    and the highest value on the colour bar or axis, in its unit. `distance` is the distance of the disc as an
+    astropy Quantity, with which maps have angles in arcsec. `corners` (of a map) and `ends` (a range of radii), in
+    code units, replace `window` if they are set; see `common_to`. `prefix` precedes the names of arguments in
+    messages, such as "--".
     """
 
     window: Any = None
@@ -90,7 +91,7 @@ class DisplayOptions:
         return inner, float(given[0]) if len(given) else outer_radius(snap)
 
     def common_to(self, snaps: Sequence[Snapshot], kind: str) -> DisplayOptions:
-        """Return these options with one region for several snapshots, which contains the region of each of them.
+        """Return these options with one region for several snapshots, which contains the regions of all snapshots.
 
         For `kind` "map" the region is in `corners`, otherwise in `ends`. Raises PlotError.
         """
@@ -131,7 +132,10 @@ class DisplayOptions:
         return PlotError(f'{self.prefix}window: "{_message_text(self.window)}" {words}')
 
     def _length(self, text: str, units: Units) -> float:
-        """Return the length in a text, in code units; it may be an angle if `distance` is set. Raises UnitError."""
+        """Return the length in a text, in code units; the text may give an angle if `distance` is set.
+
+        Raises UnitError.
+        """
         if units.system == "code":
             return units.of_text(text, "length")
         given = parse_quantity(text, units.expected("length"))
@@ -153,7 +157,10 @@ class DisplayOptions:
         return units.in_code(given, "length")
 
     def arcsec_per_au(self, units: Units) -> float | None:
-        """Return arcsec per au at `distance`; None if it is not set. Raises PlotError for a scene in code units."""
+        """Return arcsec per au at `distance`; None if `distance` is not set.
+
+        Raises PlotError for a scene in code units.
+        """
         if self.distance is None:
             return None
         if units.system == "code":
@@ -178,9 +185,9 @@ def display_options(
         )
         optics = Optics(seen, None if opacity is None else positive_quantity(opacity, f"{prefix}opacity", "cm2/g"))
     away = None if distance is None else positive_quantity(distance, f"{prefix}distance", "pc")
-    ends = None if limits is None else _limits(limits, "--range" if prefix else "limits")
+    ends = None if limits is None else _parse_limits(limits, "--range" if prefix else "limits")
     return DisplayOptions(
-        _window(window, prefix), ends, away, optics, pixels=checked_pixels(pixels, prefix), prefix=prefix
+        _parse_window(window, prefix), ends, away, optics, pixels=checked_pixels(pixels, prefix), prefix=prefix
     )
 
 
@@ -191,7 +198,7 @@ def checked_pixels(pixels: Any, prefix: str = "") -> int:
     return int(pixels)
 
 
-def _window(given: Any, prefix: str) -> Any:
+def _parse_window(given: Any, prefix: str) -> Any:
     """Return the argument `window` as a text, Quantity or array of floats. Raises PlotError."""
     if given is None or isinstance(given, str) or hasattr(given, "unit"):
         return given
@@ -202,7 +209,7 @@ def _window(given: Any, prefix: str) -> Any:
         raise PlotError(f"{prefix}window: {_message_text(given)}; expected {wanted}") from None
 
 
-def _limits(given: Any, name: str) -> tuple[float, float]:
+def _parse_limits(given: Any, name: str) -> tuple[float, float]:
     """Return the argument `limits`, a text or a pair, as two numbers. Raises PlotError."""
     try:
         low, high = (float(part) for part in (given.split(",") if isinstance(given, str) else given))
@@ -251,7 +258,7 @@ def field_of(snap: Snapshot, name: str, edges: Any = None, **given: Any) -> Any:
     field, snap, display = FIELDS[found[0]], snap.about_centre(), display_options(**given)
     display.arcsec_per_au(snap.units)  # raises PlotError for a distance without physical units
     if edges is not None:
-        values = fields_in_rings(snap, _edges(snap, edges), display.optics)[found[0]]
+        values = fields_in_rings(snap, _edges_in_code_units(snap, edges), display.optics)[found[0]]
     elif display.window is not None or field.kind != "particles":
         if snap.dimensions == 1:
             raise FieldError(f"{found[0]}: a run in one dimension has no map; give the argument edges, for bins in x")
@@ -261,8 +268,8 @@ def field_of(snap: Snapshot, name: str, edges: Any = None, **given: Any) -> Any:
     return field.quantity(snap.units, values)
 
 
-def _edges(snap: Snapshot, given: Any) -> Array:
-    """Return the argument `edges`, of rings or in 1D of bins, as floats in code units. Raises PlotError."""
+def _edges_in_code_units(snap: Snapshot, given: Any) -> Array:
+    """Return `given`, the user's edges of rings (in 1D: of bins), as floats in code units. Raises PlotError."""
     try:
         edges = np.asarray(snap.units.in_code(given, "length") if hasattr(given, "unit") else given, dtype=float)
     except UnitError as error:

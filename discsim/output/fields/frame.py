@@ -37,7 +37,7 @@ def _is_central(snap: Snapshot) -> Array:
     """Return a mask (n,) of the bodies about which the disc orbits."""
     star, companions = snap.tables["star"], snap.tables.get("companion", [])
     each = [companions] if isinstance(companions, dict) else companions
-    return centre.central(star.get("centre", "star"), [float(c.get("eccentricity", 0.0)) for c in each])
+    return centre.central_flags(star.get("centre", "star"), [float(c.get("eccentricity", 0.0)) for c in each])
 
 
 def omega(snap: Snapshot, radius: Array) -> Array:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from discsim.output.fields.base import AXIS_UNITS, Field, FieldError
 from discsim.parts import FIELDS
-from discsim.scene.messages import near
+from discsim.scene.messages import nearest_hint
 
 if TYPE_CHECKING:
     from discsim.output.snapshot import Snapshot
@@ -24,7 +24,7 @@ def matching_fields(word: str) -> list[str]:
     if found:
         return found
     last = [name.rpartition(".")[2] for name in FIELDS]
-    hint = near(word, list(FIELDS)) or near(word.rpartition(".")[2], list(dict.fromkeys(last)))
+    hint = nearest_hint(word, list(FIELDS)) or nearest_hint(word.rpartition(".")[2], list(dict.fromkeys(last)))
     raise FieldError(f'"{word}" is not a field; expected one of {", ".join(FIELDS)}{hint}')
 
 
@@ -75,7 +75,7 @@ def _missing_need(need: str, snap: Snapshot) -> str | None:
 
 
 def _code_units_reason(what: str) -> str:
-    """Return the reason for a field that code units do not allow; `what` continues "where", like "gas has no ..."."""
+    """Return the reason why a field does not exist in code units; `what` continues "where", like "gas has no ..."."""
     return f'the scene is in code units, where {what}; use a run with units.system = "physical"'
 
 

@@ -76,7 +76,7 @@ def restore_slope(n, nodes, pooled, out):
 def cancelling_rotation(n, nodes, value):
     """Return the angular velocity that the gas at node n needs about its centroid to compensate the torque of eq. (4).
 
-    It is 0 if there is too little gas.
+    The result is 0 if there is too little gas.
     """
     m, x, y, torque = nodes.sums[n, 0, ONE], nodes.sums[n, 0, X], nodes.sums[n, 0, Y], 0.0
     if m <= 0.0:
@@ -100,9 +100,10 @@ def add_rotation(n, omega, nodes, value):
 
 @jit_no_alloc
 def restore(node_from, node_to, nodes, pooled, change, two_way, dt, impulse):
-    """Write the changes at nodes, corrected for smoothing, to `impulse`; heat and rotation only if they have entries.
+    """Write the changes at nodes, corrected for smoothing, to `impulse`.
 
-    pooled (nodes, 4): fitted slopes of the velocity. change: `DragChanges`.
+    `impulse.heat` and `impulse.rotation` are written only if these arrays have entries. pooled (nodes, 4): fitted
+    slopes of the velocity. change: `DragChanges`.
     """
     value = impulse.value
     for n in range(node_from, node_to):

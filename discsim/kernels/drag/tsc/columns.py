@@ -85,9 +85,10 @@ def copy_plane(first, count, n, kind, dense, begin, column):
 
 @inline_jit
 def prefetch_next(first, count, kind):
-    """Prefetch as many particles as this block has, `count`, from `first` on; `write_columns` copies them next.
+    """Prefetch `count` particles from `first` on, which `write_columns` copies next.
 
-    They are scattered in memory.
+    The particles are scattered in memory. `count` is the number of particles of the present block, as a guess of the
+    next number.
     """
     start, end, dim = index(first), index(min(first + count, len(kind.order))), index(kind.vel.shape[1])
     for k in range(start, end):
@@ -183,7 +184,9 @@ def write_columns(block, first, count, n, kind, cells, frame, law, begin, column
 
 @inline_jit
 def weigh_by_mass(n, flat, begin, column, scratch):
-    """Write the mass times the weight of each particle on the nine nodes to the first nine columns of `scratch`."""
+    """Write to the first nine columns of `scratch` the mass of each particle times its weight on each of the nine
+    nodes.
+    """
     for into in range(0, n, LANES):
         m = load(column, begin + MASS * n + into)
         u0, u1, u2 = tsc_weights(load(column, begin + X * n + into))
@@ -214,10 +217,10 @@ def has_gasless_nodes(centre_node, flat, stencil, sums):
 
 @inline_jit
 def renormalise_weights(centre_node, n, stencil, sums, begin, column, scratch):
-    """Set the weights in `scratch` on nodes without gas to 0, and scale the others of each particle to a sum of 1.
+    """Set the weights in `scratch` on nodes without gas to 0, and scale each particle's other weights to a sum of 1.
 
-    Writes the factor to the column NORMS of `scratch`. It is 0 for padding, and for particles without any node with
-    gas.
+    Writes the factor to the column NORMS of `scratch`. The factor is 0 for padding, and for particles without any
+    node with gas.
     """
     for at in range(n):
         whole = 0.0

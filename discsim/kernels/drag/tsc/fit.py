@@ -14,8 +14,8 @@ ROUNDING = 1e-9  # inertia over mass times side^2 that is only rounding, of coin
 def moments_about(n, s, node_cells, species_row, moments):
     """Return six moments of a species in the nine cells about node n, about the centroid of the species.
 
-    They are mass, second moments of position xx, xy and yy, and two vectors: the moments of x, and of y, with velocity
-    and source. Nearer cells have larger weights.
+    The moments are the mass, the second moments of position xx, xy and yy, and two vectors: the moments of x, and of
+    y, with velocity and source. Nearer cells have larger weights.
     """
     mass, by_x, by_y, ii, ij, jj = zeros(), zeros(), zeros(), 0.0, 0.0, 0.0
     shift_x, shift_y, motion, along, across = zeros(), zeros(), zeros(), zeros(), zeros()

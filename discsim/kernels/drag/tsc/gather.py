@@ -11,7 +11,7 @@ from discsim.kernels.drag.tsc.nodes import FIELDS, NORM, ONE, VX, X, Y
 
 @inline_jit
 def sum_columns(half, more, n, k, begin, column, scratch, contributions, at):
-    """Write the contributions of a cell to the nodes k, k + 1 and k + 2, one vector of fields each, to `contributions`.
+    """Write to `contributions` what a cell adds to the nodes k, k + 1 and k + 2, one vector of fields for each node.
 
     half: first field of the vector, ONE (mass, position, density) or VX (velocity, source). more: whether there is a
     density or source. scratch: mass times weights. at: element at which the contributions of the cell begin.
@@ -65,9 +65,11 @@ def sum_of_three(table, begin, step):
 
 @inline_jit
 def own_moments(contributions, at, moments, into):
-    """Write the moments of a cell, from element `into` of `moments` on, from its contributions at element `at`.
+    """Write the moments of a cell, computed from its contributions to nodes, to `moments`.
 
-    The weights of a particle add up to 1, and the mean of the node positions with these weights is its own position.
+    at: element of `contributions` at which those of the cell begin. into: element of `moments` at which the result
+    begins. The weights of a particle add up to 1, and the mean of the node positions with these weights is its own
+    position.
     """
     for half in (0, LANES):
         begin = at + half
@@ -85,8 +87,8 @@ def own_moments(contributions, at, moments, into):
 def gather_species(block, part, kind, cells, nodes, frame, law, begin, column, scratch, square):
     """Write the columns of one population in a block, its contributions to nodes, and its moments.
 
-    part: number of the population. begin: element of `column` at which its columns begin. The other arguments are those
-    of `gather`.
+    part: index of the population. begin: element of `column` at which the columns of this population begin. The
+    other arguments are those of `gather`.
     """
     flat, s, centre_node = kind.pos.shape[1] == 1, kind.first + part, cells.centre_node[block]
     cell, first = cells.species_row[block, s], kind.start[block * kind.number + part]
@@ -116,7 +118,7 @@ def gather_species(block, part, kind, cells, nodes, frame, law, begin, column, s
 
 @inline_jit
 def write_squares(block, n, begin, column, scratch, square):
-    """Write the contributions of the gas of a cell to sum m w x^2 at its nine nodes to `square` (blocks, 9)."""
+    """Write to `square` (blocks, 9) the contributions of the gas of a cell to sum m w x^2 at its nine nodes."""
     a, b, c, d, e, f = zeros(), zeros(), zeros(), zeros(), zeros(), zeros()
     g, h, i = zeros(), zeros(), zeros()
     for at in range(0, n, LANES):

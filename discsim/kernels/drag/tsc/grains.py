@@ -126,7 +126,7 @@ def coefficients(step, flat):
 def add_grains(n, k, block, kind, row, scaled_mass, sums):
     """Add the contributions of the grains in the cell `block` to the sums `sums` of node n, eq. (1).
 
-    k: number of the cell among the nine about the node. row, scaled_mass: results of `gather_grains`.
+    k: index of the cell among the nine about the node. row, scaled_mass: results of `gather_grains`.
     """
     i, j, number = 1 - k // 3, 1 - k % 3, kind.number  # position of the node relative to the cell
     a0, a1, a2 = coefficients(i, False)
@@ -152,7 +152,7 @@ def add_grains(n, k, block, kind, row, scaled_mass, sums):
 
 @jit_no_alloc
 def collect_grains(node_from, node_to, kind, nodes, row, scaled_mass):
-    """Write the sums of eq. (1) of each class of grains at each node; they are 0 at nodes without gas.
+    """Write the sums of eq. (1) of each class of grains at each node; the sums are 0 at nodes without gas.
 
     row, scaled_mass: results of `gather_grains`.
     """
@@ -196,7 +196,8 @@ def subtract_class(n, s, node_cells, species_row, moments, xx, xy, yy, along, ac
 def moments_within(n, node_cells, species_row, moments, dust_moments):
     """Return six moments of all dust in the nine cells about node n, about the centroids of the classes, eq. (6).
 
-    They are mass, second moments of position xx, xy and yy, and two vectors: the moments of x, and of y, with velocity.
+    The moments are the mass, the second moments of position xx, xy and yy, and two vectors: the moments of x, and of
+    y, with velocity.
     """
     mass, xx, xy, yy, along, across = 0.0, 0.0, 0.0, 0.0, zeros(), zeros()
     for k in range(9):

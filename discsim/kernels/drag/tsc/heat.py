@@ -95,7 +95,7 @@ def particle_heat(first, count, n, kind, begin, column, rotation_table, rotates,
 
 @jit_no_alloc
 def move_heat_to_gas(nodes, heat):
-    """Move the heat (nodes,) of nodes without gas, in place, in equal parts to the nodes with gas about each."""
+    """Move the heat of each node without gas in equal parts to neighbouring nodes with gas; heat (nodes,) changes."""
     for n in range(len(heat)):
         if heat[n] == 0.0 or nodes.sums[n, 0, ONE] > 0.0:
             continue

@@ -1,7 +1,8 @@
 """Nodes of drag cells: the lattice of nodes of each level of blocks, and the neighbours of each node.
 
-Blocks (`kernels/drag/blocks.py`) of one level are cells of a regular lattice. A node is the centre of a cell. A lattice
-has a border of one node on all sides. It is periodic where space is periodic and whole cells fill the period.
+Blocks (`kernels/drag/blocks.py`) of one level are cells of a regular lattice. A node is the centre of a cell. A
+lattice has a border of one node on all sides. The lattice is periodic where space is periodic and whole cells fill
+the period.
 """
 
 from typing import NamedTuple
@@ -54,7 +55,7 @@ def step_along(index, by, count, wraps):
 
 @inline_jit
 def neighbours(ix, iy, level, levels, flat, out):
-    """Write the nine nodes about the node (ix, iy) of a level, itself in the middle, to `out` (9, 3).
+    """Write the nine nodes about the node (ix, iy) of a level, with this node in the middle, to `out` (9, 3).
 
     The columns are the index of the node, -1 if it is beyond the border, and its position on the lattice. flat: whether
     space is one-dimensional.
@@ -71,7 +72,7 @@ def neighbours(ix, iy, level, levels, flat, out):
 
 @inline_jit
 def is_inner(ix, iy, level, levels, flat):
-    """Return whether the indices of the nine nodes about (ix, iy) differ from its own by fixed offsets, as for most."""
+    """Return whether the nine nodes about (ix, iy) have its own index plus fixed offsets, as at most nodes."""
     return 1 < ix < levels.width[level] and 1 < iy < levels.height[level] and not flat
 
 
@@ -112,7 +113,8 @@ def number_nodes(level, leaf, levels, flat, at, number_of, place, near):
 def link_nodes(total, levels, flat, at, number_of, place, near, stencil, blocks):
     """Write the nine nodes about each of the `total` nodes to `stencil` (n, 9), and the nine blocks to `blocks` (n, 9).
 
-    at, number_of, place: results of `number_nodes`. near (9, 3): overwritten. The entry is -1 where there is none.
+    at, number_of, place: results of `number_nodes`. near (9, 3): overwritten. An entry is -1 where there is no node
+    or block.
     """
     for n in range(total):
         level, ix, iy = np.int64(place[n, 0]), np.int64(place[n, 1]), np.int64(place[n, 2])
@@ -137,8 +139,8 @@ def list_nodes(level, leaf, levels, flat):
 
     centre_node (blocks,): index of the node at the centre of each block. place (n, 3): level, and position on the
     lattice, of each node. stencil, blocks (n, 9): indices of the nodes and of the blocks about each node, -1 where
-    there is none. level (blocks,), leaf (blocks, 2): level and first leaf of each block. flat: whether space is
-    one-dimensional.
+    no node or block exists. level (blocks,), leaf (blocks, 2): level and first leaf of each block. flat: whether
+    space is one-dimensional.
     """
     most, near = levels.first[-1], np.empty((9, 3), np.int64)
     at, number_of = np.full(most, -1, np.int32), np.full(most, -1, np.int32)

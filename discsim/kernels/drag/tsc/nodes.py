@@ -59,13 +59,13 @@ LEAST_INERTIA = 0.01  # smallest inertia over mass times side^2, for the rotatio
 class CellSums(NamedTuple):
     """Drag cells, one for each block, with sums over their particles.
 
-    corner (n, 2), side (n,): lower corner and side of each cell. centre_node (n,): index of the node at the centre of
-    the cell. species_row (n, species): row of each species of a cell in the tables of sums. The row of the gas is the
-    index of the cell; the row of absent dust is -1. contributions (rows, 9, FIELDS): weighted sums of the particles to
-    the nine nodes about the cell. moments (rows, 3, FIELDS): moments of the particles. dust_moments (n, 3, FIELDS):
-    moments of all dust in the cell. scaled_mass (grains,): mass of each grain, divided by the sum of its weights on
-    nodes with gas. The last two are empty unless nodes sum single grains (`grains.py`). period (2,): period of space
-    along x and y, inf where space is open.
+    corner (n, 2), side (n,): lower corner and side of each cell. centre_node (n,): index of the node at the centre
+    of the cell. species_row (n, species): row of each species of a cell in the tables of sums. The row of the gas is
+    the index of the cell; the row of absent dust is -1. contributions (rows, 9, FIELDS): weighted sums of the
+    particles to the nine nodes about the cell. moments (rows, 3, FIELDS): moments of the particles. dust_moments (n,
+    3, FIELDS): moments of all dust in the cell. scaled_mass (grains,): mass of each grain, divided by the sum of its
+    weights on nodes with gas. `dust_moments` and `scaled_mass` are empty unless nodes sum single grains
+    (`grains.py`). period (2,): period of space along x and y, inf where space is open.
     """
 
     corner: np.ndarray
@@ -82,10 +82,10 @@ class CellSums(NamedTuple):
 class NodeSums(NamedTuple):
     """Nodes that the particles of cells contribute to, with their sums.
 
-    stencil (n, 9): indices of the nine nodes about each node, itself in the middle. node_cells (n, 9): indices of the
-    nine cells about each node. An index is -1 where there is none. centre (n, 2): position of each node. sums
-    (n, species, FIELDS): the sums of eq. (1) before the division by M_s; positions are relative to the node. square
-    (n,): sum m w x^2 over the gas; empty if no rotation is computed.
+    stencil (n, 9): indices of the nine nodes about each node, with the node itself in the middle. node_cells (n, 9):
+    indices of the nine cells about each node. An index is -1 where no node or cell exists. centre (n, 2): position
+    of each node. sums (n, species, FIELDS): the sums of eq. (1) before the division by M_s; positions are relative
+    to the node. square (n,): sum m w x^2 over the gas; empty if no rotation is computed.
     """
 
     stencil: np.ndarray
@@ -125,7 +125,7 @@ class NodeImpulses(NamedTuple):
 
     value (n, species, LANES): values DX to RATE of each species. slope (n, 4): slopes of the velocity. heat (n,):
     energy lost. rotation (n, 2, LANES): rotation of the gas at the node, and the motion on which it does no work
-    (`heat.py`). heat is empty without heating, and rotation also if no rotation is computed.
+    (`heat.py`). heat and rotation are empty without heating; rotation is also empty if no rotation is computed.
     """
 
     value: np.ndarray

@@ -19,7 +19,7 @@ from discsim.kernels.drag.tsc.weights import slope_weight
 def source_slope(n, s, stencil, slopes, c):
     """Return the slopes along x and along y of component c of the sources of species s at node n.
 
-    At a node without a slope of its own they are the mean over the nine nodes about it.
+    At a node where no slope could be fitted, the result is the mean over the nine nodes about it.
     """
     if slopes.known[n, s]:
         return slopes.source[n, s, XX + c], slopes.source[n, s, YX + c]
@@ -37,7 +37,7 @@ def source_slope(n, s, stencil, slopes, c):
 def node_velocities(n, nodes, slopes, sourced, y, b):
     """Write to `y` (species, 2) the velocities of all species at the centroid of the gas, and to `b` their sources.
 
-    The sources are those at the node.
+    The sources are those at the node itself, not at the centroid.
     """
     sums = nodes.sums
     for s in range(sums.shape[1]):

@@ -18,7 +18,7 @@ from discsim.kernels.drag.tsc.weights import evaluate_lane, to_polynomial
 
 @inline_jit
 def node_value_polynomials(block, s, cells, nodes, value, rotates, table):
-    """Write the values that the nodes about a cell scatter to species s to `table` (9, LANES), for `to_polynomial`.
+    """Write to `table` (9, LANES) the values that the nodes about a cell scatter to species s, for `to_polynomial`.
 
     rotates: whether the rotation has to be moved from the nodes to the centre of the cell.
     """
@@ -62,7 +62,7 @@ def has_single_grains(kind, cells):
 
 @inline_jit
 def has_norms(block, kind, cells, nodes):
-    """Return whether the weights of particles in a block need a norm: they do not add up to 1."""
+    """Return whether the weights of particles in a block need a norm, because they do not add up to 1."""
     return kind.first > 0 and (
         has_single_grains(kind, cells)
         or has_gasless_nodes(cells.centre_node[block], kind.pos.shape[1] == 1, nodes.stencil, nodes.sums)
@@ -95,8 +95,8 @@ def mean_rate_of_particles(count, n, begin, column, table):
 def curvature(centre_node, stencil, sums, slope, bend):
     """Write half of the second derivatives xx and yy, and the second derivative xy, of the velocity to `bend` (2, 3).
 
-    The order is xx, xy, yy for each component. They are finite differences of the slopes at nodes, per side of the
-    cell.
+    The order is xx, xy, yy for each component. The derivatives are finite differences of the slopes at nodes, per
+    side of the cell.
     """
     for c in range(2):
         bend[c, 0], bend[c, 1], bend[c, 2] = 0.0, 0.0, 0.0
@@ -174,7 +174,7 @@ def fit_sums(count, x0, y0, u0, v0, first, inertia, moment, pooled, dim):
 
 @inline_jit
 def write_changes(n, begin, column, table, rotates, normed, bend, new):
-    """Write to `new` the velocities of packed particles with the changes by the nodes, and these changes.
+    """Write to `new` the velocity of each packed particle after the change by the nodes, and the change.
 
     Columns 0 and 1 of `new` get the new velocity less its quadratic part `bend`, columns 2 and 3 the change. rotates:
     whether the change includes a rotation. normed: whether weights have norms.
@@ -199,7 +199,7 @@ def write_changes(n, begin, column, table, rotates, normed, bend, new):
 
 @inline_jit
 def damp_residuals(count, n, begin, column, x0, y0, pooled, sources, f, g, dim, new):
-    """Replace the velocity in `new` (columns 0 and 1) by its change by the decay of residuals about the linear fit.
+    """Replace the velocity in `new` (columns 0 and 1) by its change due to the decay of residuals about the linear fit.
 
     f, g: result of `response` for the drag rate. (x0, y0): position near the centroid. Returns the mean velocity
     (u, v).
@@ -339,7 +339,7 @@ def block_stopping_times(block, part, kind, cells, nodes, value, begin, column, 
 def stopping_times(block_from, block_to, kind, cells, nodes, value, begin, column, time):
     """Write the stopping time of each dust particle to `time` (n,): one over the drag rate interpolated from the nodes.
 
-    It is inf where the rate is 0. value: of `NodeImpulses`. begin, column: results of the gather.
+    The time is inf where the rate is 0. value: as in `NodeImpulses`. begin, column: results of the gather.
     """
     table, length = np.empty((9, LANES)), FIELDS * longest_column(block_from, block_to, kind)
     unpacked = np.empty(length) if has_single_grains(kind, cells) else column
