@@ -90,7 +90,7 @@ class Disc:
 
         scene = load_scene(self.snap.tables, own_particles=True)
         if scene.table("dust_diffusion") is not None:
-            constant = diffusion.constant(scene)
+            constant = diffusion.uniform_diffusivity(scene)
             return diffusion.alpha(scene, self.radius) if constant is None else self._of_constant(constant)
         if scene.table("alpha_viscosity") is not None:
             nu = scene.table("alpha_viscosity").nu
