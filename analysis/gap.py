@@ -42,7 +42,7 @@ from discsim.physics.centre import kepler_omega
 from discsim.physics.companions import scale_height
 from discsim.physics.viscosity import diffusivity
 from discsim.plot.request import save
-from discsim.plot.sources import times_and_units
+from discsim.output.sources import times_and_units
 from discsim.printable import UserError
 
 RINGS = 160  # of a profile, between half and twice the orbit

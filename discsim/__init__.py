@@ -1,7 +1,7 @@
 """discsim: 2D circumstellar discs of SPH gas and particle-in-cell dust.
 
-The public names are `Simulation`, `load_scene`, `read_snapshot`, `register`, `Snapshot`, `SceneError`, `SnapshotError`
-and the modules `export` and `plot`. Each is imported at its first use.
+The public names are `Simulation`, `load_scene`, `open_run`, `read_snapshot`, `register`, `Snapshot`, `SceneError`,
+`SnapshotError` and the modules `export` and `plot`. Each is imported at its first use.
 """
 
 from importlib import import_module
@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING, Any
 from discsim.version import __version__ as __version__
 
 __all__ = [
-    "SceneError", "Simulation", "Snapshot", "SnapshotError", "export", "load_scene", "plot", "read_snapshot",
-    "register",
+    "SceneError", "Simulation", "Snapshot", "SnapshotError", "export", "load_scene", "open_run", "plot",
+    "read_snapshot", "register",
 ]  # fmt: skip
 
 if TYPE_CHECKING:
     from discsim import export, plot
     from discsim.effects.registration import register
+    from discsim.output.run import open_run
     from discsim.output.snapshot import Snapshot, SnapshotError, read_snapshot
     from discsim.run.simulation import Simulation
     from discsim.scene import SceneError, load_scene
@@ -27,6 +28,7 @@ _MODULE_OF_NAME = {
     "Snapshot": "discsim.output.snapshot",
     "SnapshotError": "discsim.output.snapshot",
     "load_scene": "discsim.scene",
+    "open_run": "discsim.output.run",
     "read_snapshot": "discsim.output.snapshot",
     "register": "discsim.effects.registration",
 }

@@ -39,7 +39,7 @@ def export(
     from discsim.export.options import ExportOptions
     from discsim.export.products import write_export
     from discsim.output.snapshot import read_snapshot
-    from discsim.plot.sources import select_snapshots
+    from discsim.output.sources import select_snapshots
 
     given = {name: value for name, value in locals().items() if name in ExportOptions.__dataclass_fields__}
     with exit_on_fault("written", output):

@@ -29,6 +29,10 @@ WavelengthOption = Annotated[
 OpacityOption = Annotated[
     str | None, typer.Option(metavar="K", help='Opacity per gram of dust, like "2 cm2/g" [10 cm2/g (nu / THz)].')
 ]
+PopulationOption = Annotated[
+    list[str] | None,
+    typer.Option(metavar="NAME", help="Dust population to draw, by dust.name or number; may be repeated [all dust]."),
+]
 
 
 @app.command()
@@ -56,6 +60,7 @@ def plot(
         str | None, typer.Option(metavar="NAME,...", help="Fields, like toomre_q or dust.v_r [surface_density].")
     ] = None,
     fields: Annotated[bool, typer.Option("--fields", help="List the fields with units and equations.")] = False,
+    population: PopulationOption = None,
     profile: Annotated[bool, typer.Option("--profile", help="Draw radial profiles instead of maps.")] = False,
     polar: Annotated[bool, typer.Option("--polar", help="Draw maps in angle and radius.")] = False,
     time: Annotated[bool, typer.Option("--time", help="Draw maps in radius and time, from all snapshots.")] = False,
@@ -110,6 +115,7 @@ def plot(
             at or (),
             against,
             compare is not None,
+            population or (),
             display_options(window, limits, distance, wavelength, opacity, prefix="--"),
         )
         path = output or default_path(request)
@@ -121,6 +127,7 @@ def plot(
 def movie(
     source: Annotated[Path, typer.Argument(metavar="DIR", help="Directory of a run.")],
     field: Annotated[str | None, typer.Option(metavar="NAME,...", help="Fields [surface_density].")] = None,
+    population: PopulationOption = None,
     polar: Annotated[bool, typer.Option("--polar", help="Draw maps in angle and radius.")] = False,
     rate: Annotated[float, typer.Option(min=0.1, max=100.0, help="Snapshots per second.")] = 10.0,
     window: WindowOption = None,
@@ -138,7 +145,9 @@ def movie(
 
     with exit_on_fault("written", "the figure"):
         display = display_options(window, limits, distance, wavelength, opacity, prefix="--")
-        film = Film(source, field.split(",") if field else (), "polar" if polar else "map", rate, display)
+        film = Film(
+            source, field.split(",") if field else (), "polar" if polar else "map", rate, display, population or ()
+        )
         path = output or default_path(film)
         film.save(path, _progress_reporter())
     show(path)

@@ -40,6 +40,21 @@ def _edge_problems(draft: Draft) -> Iterator[Problem]:
             )
 
 
+def _name_problems(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of the names of populations: two of one name, or a name that is the number of another one."""
+    taken: dict[str, int] = {}
+    count = len(draft.dust or ())
+    for i, dust in enumerate(draft.dust or ()):
+        if dust.name is None:
+            continue
+        if dust.name in taken:
+            yield ("dust", i, "name"), f'population {taken[dust.name]} is "{dust.name}" too; expected another name'
+        elif dust.name in map(str, range(count)) and dust.name != str(i):
+            wrong = f'"{dust.name}" is the number of another population'
+            yield ("dust", i, "name"), f"{wrong}; expected another name, or this key left out"
+        taken.setdefault(dust.name, i)
+
+
 def _size_problems(draft: Draft) -> Iterator[Problem]:
     """Yield problems of size distributions, which need a drag law and a drag scheme that depend on the size."""
     for i, dust in enumerate(draft.dust or ()):
@@ -72,7 +87,7 @@ class Effect(base.Effect):
     """Motion of the dust particles."""
 
     keys = Keys
-    rules = (_edge_problems, _size_problems)
+    rules = (_name_problems, _edge_problems, _size_problems)
     role = base.Role(several=True)
 
     def __init__(self, scene: Scene, state: State) -> None:

@@ -62,7 +62,9 @@ def grains_of(snap: Snapshot) -> list[Grains]:
             )
         number = np.zeros(dust.count, int) if dust.species is None else np.asarray(dust.species, dtype=int)
         every = Grains("", dust.pos, dust.mass, grain_sizes(snap), dust.stokes, number)
-        found = [every.chosen(number == p.number, p.text) for p in populations_of(snap) if (number == p.number).any()]
+        found = [
+            every.chosen(number == p.number, p.text) for p in populations_of(snap.tables) if (number == p.number).any()
+        ]
     if gas is not None and gas.small is not None and gas.small.sum() > 0.0:
         size, number = np.full(gas.count, small_dust_size(snap)), np.zeros(gas.count, int)
         found.append(Grains("small dust", gas.pos, gas.small, size, None, number))

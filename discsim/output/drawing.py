@@ -18,8 +18,8 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormat
 
 from discsim.output.bins import RINGS, density_range
 from discsim.output.fields.base import UNIT_TEXT, Field
+from discsim.output.fields.names import field_label, field_named, of_population
 from discsim.output.fields.values import Window, fields_in_rings, has_centre
-from discsim.parts import FIELDS
 from discsim.printable import printable
 
 if TYPE_CHECKING:
@@ -34,6 +34,9 @@ MAX_TEXT_WIDTH = 2000.0  # largest width in points of a line with mathematics; w
 # Colours of Okabe & Ito (2008), which colour-blind readers can distinguish, and line styles for print without colour.
 COLOURS = {"gas": "#0072B2", "dust": "#D55E00", "small_dust": "#009E73"}
 STYLES = {"gas": "-", "dust": "-", "small_dust": "--"}
+POPULATION_COLOURS = ("#D55E00", "#56B4E9", "#CC79A7", "#E69F00", "#009E73", "#000000")
+TOTAL_COLOUR = "0.5"  # of all dust, next to its populations
+LINES = ("-", "--", ":")
 PIXELS = 480
 PLAIN_RANGE = (1e-4, 1e5)  # range of numbers that are written without a power of ten
 
@@ -58,6 +61,12 @@ def _can_typeset(line: str) -> bool:
     except Exception:  # matplotlib may raise anything for a user's text
         return False
     return max(width, height) < MAX_TEXT_WIDTH
+
+
+def population_style(number: int) -> dict[str, Any]:
+    """Return colour and line style of the dust population `number`."""
+    count = len(POPULATION_COLOURS)
+    return {"color": POPULATION_COLOURS[number % count], "ls": LINES[number // count % len(LINES)]}
 
 
 def axis_unit(snap: Snapshot, dimension: str) -> tuple[float, str]:
@@ -128,13 +137,12 @@ class Picture:
     @property
     def field(self) -> Field:
         """The definition of the field."""
-        found: Field = FIELDS[self.name]
-        return found
+        return field_named(self.name)
 
     @property
     def text(self) -> str:
         """The label of the colour bar."""
-        return self.field.text(self.snap.units)
+        return field_label(self.name, self.snap)
 
 
 def map_picture(binned: BinnedFields, name: str, window: Window, arcsec_per_au: float | None = None) -> Picture:
@@ -142,7 +150,7 @@ def map_picture(binned: BinnedFields, name: str, window: Window, arcsec_per_au: 
 
     With `arcsec_per_au` the axes are in arcsec.
     """
-    snap, field = binned.snap, FIELDS[name]
+    snap, field = binned.snap, field_named(name)
     length, unit = axis_unit(snap, "length")
     length, unit = (length, unit) if arcsec_per_au is None else (length * arcsec_per_au, " [arcsec]")
     values = field.factor(snap.units) * binned[name].T
@@ -251,7 +259,7 @@ def points_1d(snap: Snapshot, name: str) -> tuple[Array, Array]:
     from the snapshot if it is stored. Other densities are the mass between the fourth neighbours on both sides of a
     particle, divided by the distance between these neighbours.
     """
-    field = FIELDS[name]
+    field, (snap, name) = field_named(name), of_population(name, snap)
     length, factor = axis_unit(snap, "length")[0], field.factor(snap.units)
     if field.kind == "places":
         edges = np.linspace(snap.lower[0], snap.upper[0], RINGS + 1)

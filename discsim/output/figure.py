@@ -27,6 +27,7 @@ from discsim.output.drawing import (
     ROW,
     STYLES,
     TITLE,
+    TOTAL_COLOUR,
     axes_at,
     axis_unit,
     common_norm,
@@ -34,10 +35,13 @@ from discsim.output.drawing import (
     figure_text,
     map_picture,
     points_1d,
+    population_style,
     set_log_ticks,
 )
 from discsim.output.fields.binned import BinnedFields
+from discsim.output.fields.names import species_text
 from discsim.output.fields.values import Window, default_window, fields_on_pixels, is_centred, smooth_profile, start_of
+from discsim.output.populations import populations_of
 from discsim.output.snapshot import Snapshot, read_snapshot
 from discsim.scene import load_scene
 from discsim.version import __version__
@@ -70,7 +74,9 @@ def _figure_2d(snap: Snapshot) -> Figure:
     for column, kind in enumerate(kinds):
         axes = axes_at(figure, COLUMN * column + LEFT, rows + lower + BELOW, MAP, MAP)
         _draw_map(axes, binned, f"{kind}.surface_density", window)
-        axes.set_title(kind, y=1.0)  # fixed position: matplotlib's search for space takes longer than drawing
+        axes.set_title(
+            species_text(f"{kind}.surface_density", snap), y=1.0
+        )  # fixed position: matplotlib's search for space takes longer than drawing
     for column, name in enumerate(grains):
         _draw_map(axes_at(figure, COLUMN * column + LEFT, rows + BELOW, MAP, MAP), binned, name, window)
     if component:
@@ -109,12 +115,20 @@ def _draw_profile(axes: Axes, snap: Snapshot, outer: float) -> None:
     edges, binned = smooth_profile(snap, (0.0, outer))
     radius = (edges[1:] + edges[:-1]) / 2 * length
     peaks, has_small = [], snap.gas is not None and snap.gas.small is not None
-    names = {"dust": "grown dust" if has_small else "dust", "small_dust": "small dust"}
-    for kind in (*snap.species, *(("small_dust",) if has_small else ())):
+    names = {"dust": "grown dust"} if has_small else {}
+    known = populations_of(snap.tables) if snap.dust is not None else []
+    apart = [f"dust.{each.number}" for each in known] if len(known) > 1 and snap.dust.species is not None else []
+    for kind in (*snap.species, *apart, *(("small_dust",) if has_small else ())):
         sigma = density * binned[f"{kind}.surface_density"]
         peaks += [sigma.max()] if kind in snap.species else []
         curve = np.where(sigma > 0, sigma, np.nan)
-        axes.plot(radius, curve, color=COLOURS[kind], ls=STYLES[kind], label=names.get(kind, kind))
+        style: dict[str, Any] = {"color": COLOURS.get(kind), "ls": STYLES.get(kind)}
+        if kind in apart:
+            style = population_style(apart.index(kind)) | {"lw": 1.0}
+        elif apart and kind == "dust":
+            style = {"color": TOTAL_COLOUR}
+        label = names.get(kind) or species_text(f"{kind}.surface_density", snap)
+        axes.plot(radius, curve, label=label, **style)
     axes.set(xlabel=f"r{length_unit}", ylabel=rf"$\langle\Sigma\rangle${density_unit}", xlim=(0, outer * length))
     if min(peaks) > 0:
         axes.set_yscale("log")

@@ -158,6 +158,23 @@ def read_rows(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
     return [dict(zip(columns, row, strict=True)) for row in _read_table(path, columns)[2]]
 
 
+def read_checked_table(path: Path, columns: Sequence[str]) -> list[list[str]]:
+    """Return the rows of a table with these columns, without a last row that is still being written.
+
+    Raises HistoryError if the file cannot be read, or if its header or an earlier row is damaged.
+    """
+    try:
+        head, table, complete = _read_table(path, columns)
+    except OSError as fault:
+        raise HistoryError(system_message(fault, "read", path)) from None
+    if head != [*columns]:
+        raise HistoryError(f"{path}:1: not the header of {path.name}; expected {','.join(columns)}")
+    if len(complete) < len(table) - 1:
+        wrong = f"not a row of {path.name}; expected {len(columns)} entries"
+        raise HistoryError(f"{path}:{len(complete) + 2}: {wrong}")
+    return complete
+
+
 def _read_table(path: Path, columns: Sequence[str]) -> tuple[list[str], list[list[str]], list[list[str]]]:
     """Return the header, all lines after it, and the complete rows before the first incomplete line.
 

@@ -1,15 +1,16 @@
-"""Dust populations of a snapshot: names, grain sizes, particles."""
+"""Dust populations of a run: names, texts for legends, grain sizes, particles."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from discsim.output.fields.base import FieldError
 from discsim.output.fields.frame import in_code
-from discsim.printable import printable
-from discsim.scene.units import UnitError
+from discsim.scene.units import UnitError, clipped
 
 if TYPE_CHECKING:
     from discsim.output.snapshot import Snapshot
@@ -19,30 +20,91 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Population:
-    """A dust population: number, name (`dust.name` or the number), and `text` with the size for legends."""
+    """A dust population: number, name (`dust.name` or the number), size as text, and `text` for legends.
+
+    The latter has the grain size or, without one, the Stokes number; and the name if the scene gives one, or if another
+    population has the same size.
+    """
 
     number: int
     name: str
+    size: str
     text: str
 
+    @property
+    def legend(self) -> str:
+        """The text for legends, with "dust" before it if the scene does not name the population."""
+        return f"dust {self.text}" if self.name == str(self.number) else self.text
 
-def populations_of(snap: Snapshot) -> list[Population]:
-    """Return the dust populations of the run of a snapshot, in the order of their tables."""
+
+def populations_of(tables: Mapping[str, Any]) -> list[Population]:
+    """Return the dust populations of a scene, given as its tables, in the order of their tables."""
+    dust = tables.get("dust", [])
+    each = [dust] if isinstance(dust, dict) else dust
+    sizes = [size_text(table.get("grain_size")) or _stokes_text(tables.get("drag", {})) for table in each]
     found = []
-    tables = snap.tables.get("dust", [])
-    for number, table in enumerate([tables] if isinstance(tables, dict) else tables):
-        name = printable(str(table.get("name", number)))
-        size = size_text(table.get("grain_size"))
-        text = f"{name}, {size}" if size and size != name and "name" in table else size or name
-        found.append(Population(number, name, text))
+    for number, (table, size) in enumerate(zip(each, sizes, strict=True)):
+        name = clipped(str(table.get("name", number)))
+        alone = size and (sizes.count(size) == 1) and "name" not in table
+        text = size if alone or size == name else ", ".join(filter(None, (name, size)))
+        found.append(Population(number, name, size, text))
     return found
+
+
+def population_of(snap: Snapshot, given: str) -> Population:
+    """Return the dust population with the name or number `given`. Raises FieldError if the run has none."""
+    known = populations_of(snap.tables)
+    found = [each for each in known if each.name == given] or [each for each in known if str(each.number) == given]
+    if not found:
+        names = ", ".join(each.name if each.name == each.text else f"{each.name} ({each.size})" for each in known)
+        wanted = f"expected one of {names}" if names else "the run has no dust"
+        raise FieldError(f'"{clipped(given)}" is not a population of dust; {wanted}')
+    return found[0]
+
+
+def only_population(snap: Snapshot, given: str) -> Snapshot:
+    """Return a snapshot whose dust is one population, given by name or number. Raises FieldError."""
+    number, dust = population_of(snap, given).number, snap.dust
+    if dust is None or (dust.species is None and number == 0 and len(populations_of(snap.tables)) == 1):
+        return snap
+    if dust.species is None:
+        raise FieldError('the snapshot was read without "dust.species"; read all columns, or this one too')
+    member = np.asarray(dust.species) == number
+    arrays = {f.name: getattr(dust, f.name) for f in fields(dust)}
+    kept = {name: array[member] for name, array in arrays.items() if isinstance(array, np.ndarray)}
+    return replace(snap, dust=replace(dust, columns={k: v[member] for k, v in dust.columns.items()}, **kept))
+
+
+def mean_text(snap: Snapshot, is_mean: bool) -> str:
+    """Return the words that a label of a field of all dust needs: "all dust", or "mean over 2 sizes" with `is_mean`.
+
+    The text is "" for a run with one population.
+    """
+    found = populations_of(snap.tables)
+    if len(found) < 2:
+        return ""
+    several = "sizes" if _have_sizes(snap) else "populations"
+    return f"mean over {len(found)} {several}" if is_mean else "all dust"
+
+
+def _have_sizes(snap: Snapshot) -> bool:
+    """Return whether the populations of a run have different grain sizes."""
+    sizes = [size_text(table.get("grain_size")) for table in snap.tables["dust"]]
+    return "" not in sizes and len(set(sizes)) == len(sizes)
 
 
 def size_text(given: Any) -> str:
     """Return a grain size of a scene as text; "" for none."""
     if isinstance(given, dict):
-        return f"{printable(str(given.get('smallest')))} to {printable(str(given.get('largest')))}"
-    return "" if given is None else printable(str(given))
+        return f"{clipped(str(given.get('smallest')))} to {clipped(str(given.get('largest')))}"
+    if given is None:
+        return ""
+    return clipped(given) if isinstance(given, str) else f"s = {clipped(str(given))}"
+
+
+def _stokes_text(drag: Mapping[str, Any]) -> str:
+    """Return the Stokes number that a table [drag] gives to all dust, as text; "" for none."""
+    return f"St = {clipped(str(drag['stokes']))}" if drag.get("law") == "stokes-number" and "stokes" in drag else ""
 
 
 def grain_sizes(snap: Snapshot) -> Array | None:

@@ -9,19 +9,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from discsim.output.drawing import draw_picture, draw_scale_bar
 from discsim.output.fields.base import FieldError, PlotError
 from discsim.output.fields.display import DisplayOptions, display_options
-from discsim.output.fields.names import available_fields, field_rows, matching_fields
+from discsim.output.fields.names import available_fields, field_named, field_rows, matching_fields, species_text
 from discsim.output.snapshot import Snapshot, snapshot_files
-from discsim.parts import FIELDS
+from discsim.output.sources import Source, read_for_fields
 from discsim.plot import curves, pictures
 from discsim.plot.compose import colour_range
 from discsim.plot.film import Film, default_path
-from discsim.plot.sources import Source, read_for_fields
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -111,21 +111,24 @@ def profile(source: Source, field: str = "surface_density", ax: Axes | None = No
     PlotError, FieldError, SnapshotError
         If an argument is invalid, the run lacks the field, or a snapshot cannot be read.
     """
-    snap, display, ax = read_for_fields(source, matching_fields(field)), display_options(**options), _axes_or_new(ax)
+    snap, display, ax = read_for_fields(source, matching_fields(field)), display_options(**options), axes_or_new(ax)
     names = available_fields(field, snap)
     for name, curve in curves.profile_curves(snap, names, display).items():
-        curves.draw_curve(ax, snap, curve, FIELDS[name], label=name.partition(".")[0].replace("_", " "))
+        label = species_text(name, snap, of_each=snap.dimensions == 1)
+        curves.draw_curve(ax, snap, curve, field_named(name), label=label)
     curves.finish_profile(ax, snap, names, display)
     return ax
 
 
-def time_map(source: str | Path, field: str = "gas.surface_density", ax: Axes | None = None, **options: Any) -> Axes:
+def time_map(
+    source: str | Path | Sequence[Path], field: str = "gas.surface_density", ax: Axes | None = None, **options: Any
+) -> Axes:
     """Draw a field against radius (in 1D x) and time, from all snapshots of a run.
 
     Parameters
     ----------
-    source : str or Path
-        Directory of a run.
+    source : str, Path or sequence of Path
+        Directory of a run, or files of its snapshots.
     field : str
         Name of the field, as in `discsim plot --fields`.
     ax : Axes, optional
@@ -144,7 +147,8 @@ def time_map(source: str | Path, field: str = "gas.surface_density", ax: Axes | 
     PlotError, FieldError, SnapshotError
         If an argument is invalid, the run lacks the field, or a snapshot cannot be read.
     """
-    files, display, ax = snapshot_files(source), display_options(**options), _axes_or_new(ax)
+    files = snapshot_files(source) if isinstance(source, str | Path) else list(source)
+    display, ax = display_options(**options), axes_or_new(ax)
     name = _first_name(field, read_for_fields(files[0], matching_fields(field)))
     picture = pictures.time_pictures(files, [name], display)[name]
     draw_picture(ax, picture, colour_range(display, [picture]))
@@ -178,7 +182,7 @@ def phase(
     PlotError, FieldError, SnapshotError
         If an argument is invalid, the run lacks the field, or a snapshot cannot be read.
     """
-    snap, ax = read_for_fields(source, [*matching_fields(field), *matching_fields(against)]), _axes_or_new(ax)
+    snap, ax = read_for_fields(source, [*matching_fields(field), *matching_fields(against)]), axes_or_new(ax)
     curves.draw_phase(ax, snap, _first_name(field, snap), _first_name(against, snap), display_options(**options))
     return ax
 
@@ -230,7 +234,7 @@ def fields() -> list[tuple[str, str, str]]:
 
 def _draw_picture(source: Source, field: str, ax: Axes | None, display: DisplayOptions, kind: str) -> Axes:
     """Draw a field as a picture of the given kind, a key of PICTURE_MAKERS; return the axes."""
-    snap, ax = read_for_fields(source, matching_fields(field)), _axes_or_new(ax)
+    snap, ax = read_for_fields(source, matching_fields(field)), axes_or_new(ax)
     name = _first_name(field, snap)
     picture = pictures.PICTURE_MAKERS[kind](snap, [name], display)[name]
     draw_picture(ax, picture, colour_range(display, [picture]))
@@ -244,7 +248,7 @@ def _first_name(word: str, snap: Snapshot) -> str:
     return available_fields(word, snap)[0]
 
 
-def _axes_or_new(ax: Axes | None) -> Axes:
+def axes_or_new(ax: Axes | None) -> Axes:
     """Return `ax`, or the axes of a new figure."""
     if ax is not None:
         return ax

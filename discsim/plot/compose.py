@@ -17,23 +17,36 @@ from discsim.output.drawing import (
     COLOURS,
     COLUMN,
     LEFT,
+    LINES,
     MAP,
     RIGHT,
     STYLES,
+    TOTAL_COLOUR,
     Picture,
     axes_at,
     common_norm,
     draw_picture,
     draw_scale_bar,
     figure_text,
+    population_style,
 )  # fmt: skip
+from discsim.output.fields.base import PlotError
 from discsim.output.fields.binned import Optics
 from discsim.output.fields.display import DisplayOptions
-from discsim.output.fields.names import available_fields, matching_fields
+from discsim.output.fields.names import (
+    available_fields,
+    field_named,
+    is_of_dust,
+    matching_fields,
+    of_population,
+    species_text,
+    split_population,
+    with_populations,
+)
+from discsim.output.populations import population_of
 from discsim.output.snapshot import Snapshot
-from discsim.parts import FIELDS
+from discsim.output.sources import NamedSnapshot
 from discsim.plot import curves, pictures
-from discsim.plot.sources import NamedSnapshot
 
 MAX_PANELS_PER_ROW = 3  # in a figure of one run
 PROFILE_WIDTH = 1.25  # width of a profile in units of the width of a map
@@ -76,14 +89,20 @@ class PanelFigure:
         return figure
 
 
-def available_names(words: Sequence[str], snaps: Sequence[Snapshot]) -> list[list[str]]:
+def available_names(
+    words: Sequence[str], snaps: Sequence[Snapshot], populations: Sequence[str] = ()
+) -> list[list[str]]:
     """Return for each word the names of the fields that match it and that all snapshots have. Raises FieldError.
 
-    If no such field is in all snapshots, the names of the matching fields in the first snapshot are returned.
+    If no such field is in all snapshots, the names of the matching fields in the first snapshot are returned. Fields
+    of all dust are replaced by those of the `populations`, if there are any.
     """
     found = []
     for word in words:
-        of_each = [available_fields(word, snap) for snap in snaps]
+        of_each = [with_populations(available_fields(word, snap), populations) for snap in snaps]
+        for names, snap in zip(of_each, snaps, strict=True):
+            for name in names:
+                of_population(name, snap)  # raises FieldError for an unknown population
         found.append([name for name in of_each[0] if all(name in names for names in of_each)] or of_each[0])
     return found
 
@@ -98,9 +117,27 @@ def default_words(dimensions: int) -> list[str]:
     return ["surface_density"] if dimensions == 2 else ["surface_density", "v_x"]
 
 
-def matching_names(words: Sequence[str]) -> list[str]:
-    """Return all field names that match the words, even if no snapshot has these fields. Raises FieldError."""
-    return unique_names([matching_fields(word) for word in words])
+def matching_names(words: Sequence[str], populations: Sequence[str] = ()) -> list[str]:
+    """Return all field names that match the words, even if no snapshot has these fields. Raises FieldError.
+
+    Fields of all dust are replaced by those of the `populations`, if there are any. Raises PlotError if these have no
+    effect.
+    """
+    plain = unique_names([matching_fields(word) for word in words])
+    found = with_populations(plain, populations)
+    if populations and found == plain:
+        raise PlotError(f"--population: none of {', '.join(plain)} is a field of all dust; leave it out")
+    return found
+
+
+def joined_populations(names: Sequence[Sequence[str]]) -> list[list[str]]:
+    """Return the names of panels; panels with one field of dust each, of several populations, are joined to one."""
+    found: dict[object, list[str]] = {}
+    for number, several in enumerate(names):
+        base = split_population(several[0])[1]
+        alone = len(several) == 1 and is_of_dust(field_named(base))
+        found.setdefault(base if alone else number, []).extend(several)
+    return [list(dict.fromkeys(several)) for several in found.values()]
 
 
 def picture_panels(
@@ -163,14 +200,15 @@ def profile_panels(
 
     `titles` are the names of the runs for the legend.
     """
+    names = joined_populations(names)
     found = [curves.profile_curves(snap, unique_names(names), display) for snap in snaps]
 
     def panel(several: Sequence[str]) -> Panel:
         def draw_all(axes: Axes) -> None:
             for number, (snap, curve, title) in enumerate(zip(snaps, found, titles, strict=True)):
                 for name in several:
-                    style = _line_style(name, number, several, title, len(snaps))
-                    curves.draw_curve(axes, snap, curve[name], FIELDS[name], **style)
+                    style = _line_style(name, snap, number, several, title, len(snaps))
+                    curves.draw_curve(axes, snap, curve[name], field_named(name), **style)
             curves.finish_profile(axes, snaps[0], several, display)
 
         return draw_all
@@ -178,18 +216,25 @@ def profile_panels(
     return _in_rows([panel(several) for several in names], 2)
 
 
-def _line_style(name: str, number: int, several: Sequence[str], title: str, runs: int) -> dict[str, Any]:
+def _line_style(
+    name: str, snap: Snapshot, number: int, several: Sequence[str], title: str, runs: int
+) -> dict[str, Any]:
     """Return colour, line style and label of the curve of field `name` and run `number`, out of `runs` runs.
 
-    With one run, the colour shows the species. With several runs, the colour shows the run, and the line style shows
-    the species. `several` are all fields in the panel, `title` is the name of the run.
+    With one run, the colour shows the species or population. With several runs, the colour shows the run, and the line
+    style shows the species or population. `several` are all fields in the panel, `title` is the name of the run.
     """
-    species = name.partition(".")[0].replace("_", " ")
+    species, (population, plain) = species_text(name, snap, of_each=snap.dimensions == 1), split_population(name)
     if runs == 1:
-        key = name.partition(".")[0]
-        return {"color": COLOURS.get(key, "black"), "ls": STYLES.get(key, "-"), "label": species}
+        if population is not None:
+            return population_style(population_of(snap, population).number) | {"label": species}
+        key = plain.partition(".")[0]
+        colour = COLOURS.get(key, "black")
+        if key == "dust" and any(split_population(each)[0] is not None for each in several):
+            colour = TOTAL_COLOUR
+        return {"color": colour, "ls": STYLES.get(key, "-"), "label": species}
     label = title if len(several) == 1 else f"{title}, {species}"
-    colour, line = RUN_COLOURS[number % len(RUN_COLOURS)], ("-", "--", ":")[several.index(name) % 3]
+    colour, line = RUN_COLOURS[number % len(RUN_COLOURS)], LINES[several.index(name) % len(LINES)]
     return {"color": colour, "ls": line, "label": label}
 
 
@@ -215,10 +260,11 @@ def phase_panels(
 def _name_for_species(word: str, name: str) -> str:
     """Return the full name of the field `word`, if possible for the species of `name`. Raises FieldError.
 
-    For example "radius" and "gas.v_r" give "gas.radius".
+    For example "radius" and "gas.v_r" give "gas.radius", and with "dust.0.v_r" they give "dust.0.radius".
     """
-    names = matching_fields(word)
-    return next((each for each in names if each.partition(".")[0] == name.partition(".")[0]), names[0])
+    names, (population, plain) = matching_fields(word), split_population(name)
+    found = next((each for each in names if each.partition(".")[0] == plain.partition(".")[0]), names[0])
+    return with_populations([found], [population] if population is not None else [])[0]
 
 
 def titles_of(snaps: Sequence[Snapshot], found: Sequence[NamedSnapshot]) -> tuple[str, list[str]]:
@@ -249,14 +295,17 @@ def note_lines(
     flux, `pictures_by_run` has for each run its pictures by field.
     """
     notes = []
-    if {"emission", "optical_depth"} & set(names):
+    if any(split_population(name)[1] in ("emission", "optical_depth") for name in names):
         notes.append((display.optics or Optics.default()).text)
     if display.distance is not None:
         notes.append(f"at {display.distance:g}")
         for each in pictures_by_run:
-            if "emission" in each:
-                shown = each["emission"]
+            for name in each:
+                if split_population(name)[1] != "emission":
+                    continue
+                shown = each[name]
                 (left, right), (low, high) = shown.x, shown.y
                 pixel = (right - left) * (high - low) / shown.values.size
-                notes[-1] += f", F = {float(shown.values.sum() * pixel):.3g} mJy"
+                flux = float(shown.values.sum() * pixel)
+                notes[-1] += f", F = {flux:.3g} mJy" + (f" ({species_text(name, shown.snap)})" if len(each) > 1 else "")
     return [", ".join(notes)] if notes else []

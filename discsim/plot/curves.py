@@ -12,8 +12,8 @@ from matplotlib.colors import LogNorm
 from discsim.output.drawing import axis_unit, draw_colour_bar, points_1d, set_log_ticks
 from discsim.output.fields.base import Field, PlotError
 from discsim.output.fields.display import DisplayOptions
+from discsim.output.fields.names import field_label, field_named, of_population, species_text, split_population
 from discsim.output.fields.values import smooth_profile
-from discsim.parts import FIELDS
 
 if TYPE_CHECKING:
     from discsim.output.snapshot import Snapshot
@@ -29,7 +29,7 @@ def profile_curves(snap: Snapshot, names: Sequence[str], display: DisplayOptions
         return {name: points_1d(snap, name) for name in names}
     edges, binned = smooth_profile(snap, display.radii(snap), display.optics)
     radius = axis_unit(snap, "length")[0] * 0.5 * (edges[1:] + edges[:-1])
-    return {name: (radius, FIELDS[name].factor(snap.units) * binned[name]) for name in names}
+    return {name: (radius, field_named(name).factor(snap.units) * binned[name]) for name in names}
 
 
 def draw_curve(axes: Axes, snap: Snapshot, curve: tuple[Array, Array], field: Field, **style: Any) -> None:
@@ -44,16 +44,20 @@ def draw_curve(axes: Axes, snap: Snapshot, curve: tuple[Array, Array], field: Fi
 
 def finish_profile(axes: Axes, snap: Snapshot, names: Sequence[str], display: DisplayOptions) -> None:
     """Set labels, scale and legend of axes after their curves are drawn."""
-    field, (length, unit) = FIELDS[names[0]], axis_unit(snap, "length")
+    field, (length, unit) = field_named(names[0]), axis_unit(snap, "length")
     low, high = display.radii(snap)
     axes.set(xlabel=f"{'r' if snap.dimensions == 2 else 'x'}{unit}", xlim=(length * low, length * high))
-    axes.set_ylabel(field.text(snap.units, of_all=len(names) > 1))
+    of_all = len(set(axes.get_legend_handles_labels()[1])) > 1 and len(names) > 1
+    label = field_label(names[0], snap, of_all, of_each=snap.dimensions == 1)
+    if axes.get_ylabel() not in ("", label):  # axes with curves of another species or population
+        label = field_label(names[0], snap, of_all=True)
+    axes.set_ylabel(label)
     shown = [y[np.isfinite(y)] for y in (np.asarray(line.get_ydata(), dtype=float) for line in axes.lines)]
     peaks = [y.max() for y in shown if y.size]
     if field.scale == "log" and peaks and _decades_spanned(shown) > 0.3:
         axes.set_yscale("log")
         if field.kind == "density":  # a lone particle must not determine the scale
-            axes.set_ylim(bottom=max(axes.get_ylim()[0], min(peaks) * 10**-MAX_DECADES))
+            axes.set_ylim(bottom=max(axes.get_ylim()[0], min(peaks) * 10**-MAX_DECADES), auto=None)
     if display.limits is not None:
         axes.set_ylim(*display.limits)
     if axes.get_yscale() == "log":
@@ -76,14 +80,16 @@ def draw_phase(axes: Axes, snap: Snapshot, name: str, against: str, display: Dis
 
     An axis is logarithmic if its field has a logarithmic scale and spans more than a factor of 3.
     """
-    fields = FIELDS[against], FIELDS[name]
+    fields = field_named(against), field_named(name)
     for each, field in zip((against, name), fields, strict=True):
-        if field.kind != "particles" or field.species != fields[1].species:
+        same = field.species == fields[1].species and split_population(each)[0] == split_population(name)[0]
+        if field.kind != "particles" or not same:
             of = fields[1].species or "one species"
             raise PlotError(
                 f"{each}: not a particle field of {of}; choose particle fields of one species, like "
                 f"dust.v_r, for the two axes"
             )
+    whole, snap = snap, of_population(name, snap)[0]
     values = [field.factor(snap.units) * field.values(snap) for field in fields]
     cells = int(np.clip(0.7 * len(values[0]) ** 0.5, 20, MAX_CELLS))
     edges = [_bin_edges(field, array, cells) for field, array in zip(fields, values, strict=True)]
@@ -99,8 +105,8 @@ def draw_phase(axes: Axes, snap: Snapshot, name: str, against: str, display: Dis
         if _is_log(field, ends):
             getattr(axes, f"set_{axis.axis_name}scale")("log")
             set_log_ticks(axis, ends[0], ends[-1])
-    axes.set(xlabel=fields[0].text(snap.units), ylabel=fields[1].text(snap.units))
-    draw_colour_bar(axes, image, f"mass fraction of {fields[1].species}")
+    axes.set(xlabel=fields[0].text(snap.units), ylabel=field_label(name, whole, of_each=True))
+    draw_colour_bar(axes, image, f"mass fraction of {species_text(name, whole, of_each=True)}")
 
 
 def _is_log(field: Field, edges: Array) -> bool:

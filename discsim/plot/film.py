@@ -21,10 +21,11 @@ from discsim.output.fields.base import PlotError
 from discsim.output.fields.display import DisplayOptions
 from discsim.output.files import refuse_special, replace_atomically
 from discsim.output.snapshot import snapshot_files
+from discsim.output.sources import NamedSnapshot, read_for_fields, run_directory, run_name, times_and_units
 from discsim.parts import install_command
 from discsim.plot import compose, pictures
 from discsim.plot.compose import PanelFigure
-from discsim.plot.sources import NamedSnapshot, read_for_fields, run_directory, run_name, times_and_units
+from discsim.plot.request import file_stem
 
 SNAPSHOTS_FOR_RANGE = 12  # largest number of snapshots that determine the colour ranges
 PIXELS_FOR_RANGE = 160  # pixels per side of the maps that determine the colour ranges
@@ -36,7 +37,8 @@ ReportFrame = Callable[[int, int], None]  # called with the number of finished f
 class Film:
     """A film of the run in the directory `source`.
 
-    `words` are names of fields, `kind` is a key of PICTURE_MAKERS, and `rate` is in frames per second.
+    `words` are names of fields, `kind` is a key of PICTURE_MAKERS, and `rate` is in frames per second. `populations`
+    are names or numbers of dust populations, of which the fields of dust are drawn.
     """
 
     source: Path
@@ -44,6 +46,7 @@ class Film:
     kind: str = "map"
     rate: float = 10.0
     display: DisplayOptions = field(default_factory=DisplayOptions)
+    populations: Sequence[str] = ()
 
     def save(self, path: Path, report_frame: ReportFrame | None = None) -> int:
         """Write the film to `path`, and return the number of frames. The file appears when it is complete.
@@ -69,8 +72,9 @@ class Film:
     def _frames(self, files: Sequence[Path], report_frame: ReportFrame | None) -> Iterator[Image.Image]:
         """Yield the frame of each snapshot in `files`."""
         words = list(self.words) or compose.default_words(2)
-        wanted = compose.matching_names(words)
-        names = compose.unique_names(compose.available_names(words, [read_for_fields(files[-1], wanted)]))
+        wanted = compose.matching_names(words, self.populations)
+        last = read_for_fields(files[-1], wanted)
+        names = compose.unique_names(compose.available_names(words, [last], self.populations))
         # One window for all frames; it contains the windows of the first and the last snapshot.
         display = self.display.common_to([read_for_fields(files[k], names) for k in (0, -1)], self.kind)
         norms = self._colour_ranges(files, names, display)
@@ -103,7 +107,7 @@ def default_path(film: Film) -> Path:
     """
     directory = run_directory(film.source) or film.source.parent
     ending = ".mp4" if find_spec("imageio_ffmpeg") else ".gif"
-    return directory / "plots" / f"{'-'.join(film.words) or 'surface_density'}-{film.kind}{ending}"
+    return directory / "plots" / f"{file_stem(film.words, film.populations, film.kind)}{ending}"
 
 
 def writer_of(path: Path) -> Callable[[Path, Iterator[Image.Image], float], None]:

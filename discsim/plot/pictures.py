@@ -13,9 +13,10 @@ from matplotlib.colors import LogNorm, Normalize
 from discsim.output.drawing import Picture, axis_unit, body_marks, map_picture
 from discsim.output.fields.base import PlotError
 from discsim.output.fields.display import DisplayOptions
-from discsim.output.fields.values import fields_on_pixels, fields_on_polar_pixels, inner_radius, smooth_profile
-from discsim.parts import FIELDS
-from discsim.plot.sources import read_for_fields, times_and_units
+from discsim.output.fields.names import field_named
+from discsim.output.fields.values import fields_on_pixels, fields_on_polar_pixels, inner_radius
+from discsim.output.run import profiles_in_time
+from discsim.output.sources import read_for_fields, times_and_units
 
 if TYPE_CHECKING:
     from discsim.output.snapshot import Snapshot
@@ -46,7 +47,7 @@ def polar_pictures(snap: Snapshot, names: Sequence[str], display: DisplayOptions
         if not star and inner <= np.hypot(x, y) / length <= outer
     ]
     return {
-        name: Picture(snap, name, FIELDS[name].factor(snap.units) * binned[name].T, *sides, labels, marks)
+        name: Picture(snap, name, field_named(name).factor(snap.units) * binned[name].T, *sides, labels, marks)
         for name in names
     }
 
@@ -63,17 +64,13 @@ def time_pictures(files: Sequence[Path], names: Sequence[str], display: DisplayO
 
     By default the range of radii is that of the disc in the first snapshot.
     """
-    first, rows = read_for_fields(files[0], names), []
-    edges = np.empty(0)
-    for path in files:
-        edges, binned = smooth_profile(read_for_fields(path, names), display.radii(first), display.optics)
-        rows.append([FIELDS[name].factor(first.units) * binned[name] for name in names])
+    first, (edges, values) = read_for_fields(files[0], names), profiles_in_time(files, names, display)
     (length, unit), (year, time_unit) = axis_unit(first, "length"), axis_unit(first, "time")
     between = year * time_edges(np.array(times_and_units(files)[0]))
     labels = f"{'r' if first.dimensions == 2 else 'x'}{unit}", f"t{time_unit}"
     return {
-        name: Picture(first, name, np.array([row[k] for row in rows]), length * edges, between, labels)
-        for k, name in enumerate(names)
+        name: Picture(first, name, field_named(name).factor(first.units) * each, length * edges, between, labels)
+        for name, each in values.items()
     }
 
 

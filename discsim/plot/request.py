@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING
 from discsim.output.drawing import figure_text
 from discsim.output.fields.base import PlotError
 from discsim.output.fields.display import DisplayOptions
+from discsim.output.fields.names import split_population
 from discsim.output.files import refuse_special, replace_atomically
 from discsim.output.snapshot import snapshot_files
+from discsim.output.sources import read_for_fields, run_directory, run_name, select_snapshots, times_and_units
 from discsim.plot import compose, pictures
 from discsim.plot.compose import PanelFigure
-from discsim.plot.sources import read_for_fields, run_directory, run_name, select_snapshots, times_and_units
 from discsim.version import __version__
 
 if TYPE_CHECKING:
@@ -33,6 +34,7 @@ class Request:
     `sources` are directories of runs, or snapshots. `words` are names of fields with or without species. `kind` is one
     of KINDS; None stands for a map, or in 1D for a profile. `at` are times as texts. `against` is the field on the x
     axis of a phase plot. `compare` adds the ratio of the second source to the first, or their difference.
+    `populations` are names or numbers of dust populations, of which the fields of dust are drawn.
     """
 
     sources: Sequence[Path]
@@ -41,6 +43,7 @@ class Request:
     at: Sequence[str] = ()
     against: str | None = None
     compare: bool = False
+    populations: Sequence[str] = ()
     display: DisplayOptions = field(default_factory=DisplayOptions)
 
     def figure(self) -> Figure:
@@ -56,7 +59,9 @@ class Request:
             raise PlotError("--distance: used only for maps in x and y; remove --distance")
         if self.display.window is not None and self.kind == "phase":
             raise PlotError("--window: not used with --against; remove --window or --against")
-        if self.display.optics is not None and not {"emission", "optical_depth"} & set(self.words):
+        if self.display.optics is not None and not any(
+            split_population(word)[1] in ("emission", "optical_depth") for word in self.words
+        ):
             raise PlotError(
                 "--wavelength and --opacity: used only by the fields emission and optical_depth; add --field with one "
                 "of these fields"
@@ -112,21 +117,26 @@ class Request:
         if any(vars(each) != vars(units[0]) for each in units):
             raise PlotError("the runs have different dimensions or units; draw each of them in its own figure")
         words = list(self.words) or compose.default_words(units[0].dimensions)
-        wanted = compose.matching_names([*words, *([self.against or "radius"] if self.kind == "phase" else [])])
+        wanted = compose.matching_names(words, self.populations)
+        wanted += compose.matching_names([self.against or "radius"]) if self.kind == "phase" else []
         snaps = [read_for_fields(path, wanted) for path in paths]
-        return compose.available_names(words, snaps), snaps
+        return compose.available_names(words, snaps, self.populations), snaps
 
 
 def default_path(request: Request, ending: str = ".png") -> Path:
     """Return the default path of a figure: in the folder "plots" of the first run, or next to a file outside a run."""
     first = request.sources[0]
     directory = run_directory(first)
-    words = "-".join(request.words) or "surface_density"
-    name = "-".join(part for part in (words, request.kind or "", "compared" if request.compare else "") if part)
+    name = file_stem(request.words, request.populations, request.kind or "", "compared" if request.compare else "")
     if directory is None:
         return first.with_name(f"{first.stem}-{name}{ending}")
     number = f"-{first.stem}" if first.is_file() else ""
     return directory / "plots" / f"{name}{number}{ending}"
+
+
+def file_stem(words: Sequence[str], populations: Sequence[str], *more: str) -> str:
+    """Return the default name of a file, without its suffix: fields, populations, and `more` words."""
+    return "-".join(part for part in (*(words or ["surface_density"]), *populations, *more) if part).replace("/", "_")
 
 
 def save(make: Callable[[], Figure], path: Path) -> None:

@@ -7,6 +7,7 @@ no embedded fonts.
 from __future__ import annotations
 
 import platform
+import tomllib
 from collections.abc import Iterator
 from importlib.metadata import version
 from pathlib import Path
@@ -17,6 +18,7 @@ import jinja2
 from discsim.output.costtable import read_costs
 from discsim.output.files import refuse_special, replace_atomically
 from discsim.output.history import read_history
+from discsim.output.populations import populations_of
 from discsim.parts import EFFECTS, SCHEMES
 from discsim.preview.check import effect_lines
 from discsim.preview.derived import derived_rows
@@ -90,9 +92,8 @@ def _fact_rows(scene: Scene, rows: list[dict[str, str]]) -> Iterator[tuple[str, 
     yield "steps", rows[-1]["step"]
     if scene.gas is not None:
         yield "gas", f"{scene.gas.particles:,} {'cells' if scene.model.cells else 'particles'}"
-    for number, dust in enumerate(scene.dust or ()):
-        which = f" {number}" if len(scene.dust) > 1 else ""
-        yield f"dust{which}", f"{dust.particles:,} particles"
+    for each, dust in zip(populations_of(tomllib.loads(scene.text)), scene.dust or (), strict=False):
+        yield each.legend if len(scene.dust) > 1 else "dust", f"{dust.particles:,} particles"
     yield "effects", ", ".join(scene.effects)
 
 

@@ -40,6 +40,7 @@ LawName: Any = word_of(LAWS)
 SchemeName: Any = word_of(SCHEMES)
 Zone = Annotated[tuple[Length, Length], AllowedValues("two lengths: [from, to]")]
 
+MAX_NAME = 40  # largest number of characters in the name of a dust population
 MAX_ETA = 30.0  # largest eta, with thousands of neighbours
 OPACITY_TABLE = "bell-lin"  # name of the table of Bell & Lin (1994) in scenes
 
@@ -192,9 +193,25 @@ class Sizes(Table):
 GrainSize: Any = value_or_table(Annotated[Length, Field(gt=0)], Sizes)
 
 
+def _read_name(value: Any) -> str:
+    """Return the name of a dust population. Raises a `fault` unless it is a short printable text without commas."""
+    if not isinstance(value, str):
+        raise fault(f'{shown(value)} is not a text; expected a name in quotes, like "pebbles"')
+    fits = 0 < len(value) <= MAX_NAME and value == value.strip() and value.isprintable() and "," not in value
+    if not fits:
+        raise fault(
+            f"{shown(value)} is not a name; expected 1 to {MAX_NAME} printable characters, without commas and "
+            "spaces at the ends"
+        )
+    return value
+
+
 class Dust(Table):
     """One population of dust."""
 
+    name: Annotated[
+        str | None, BeforeValidator(_read_name), AllowedValues("text"), Default("number of the table: 0, 1, ...")
+    ] = Field(None, description='name of the population in figures, as in "dust.NAME.surface_density"')
     particles: Particles = Field(description="number of dust particles of the population")
     ratio: Number = Field(gt=0, description="dust-to-gas mass ratio")
     grain_size: GrainSize | None = Field(

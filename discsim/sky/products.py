@@ -8,8 +8,8 @@ from pathlib import Path
 
 from discsim.output.fields.base import PlotError
 from discsim.output.snapshot import read_snapshot
+from discsim.output.sources import run_directory, select_snapshots
 from discsim.plot.request import FORMATS, save
-from discsim.plot.sources import run_directory, select_snapshots
 from discsim.sky.draw import figure_of
 from discsim.sky.image import ImageOptions, SkyMap, image_of
 

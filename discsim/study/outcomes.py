@@ -4,6 +4,7 @@
     dust-peak, dust-peak-radius        the highest surface density of the profile, and its radius
     dust-r10, dust-r50, dust-r90       the radii that contain 10%, 50% and 90% of the mass
     dust-modes, dust-clumps            largest amplitude of m = 1..4, mass fraction in clumps (`measures.py`)
+    dust.0-peak, dust.pebbles-r50, ... the same of one population of dust, if there are several
     cpu                                CPU seconds of the effects, of all threads
 
 Results with a hyphen are from the last snapshot of a disc; such results exist for gas and for dust. Values are in
@@ -12,14 +13,16 @@ UNITS, but in code units for a scene in code units and in 1D, where masses are c
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import tomllib
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from discsim.output.costtable import read_costs
 from discsim.output.history import TEXT_COLUMNS, history_columns, read_history
+from discsim.output.populations import only_population, populations_of
 from discsim.output.snapshot import SnapshotParticles, read_snapshot
 from discsim.scene import Scene, nearest_hint
 from discsim.study.errors import is_disc
@@ -66,12 +69,18 @@ def outcomes_of(scene: Scene) -> dict[str, Outcome]:
             found = [dimension for start, dimension in COLUMNS.items() if column.startswith(start)]
             dimensions[column] = found[0] if found else ""
     if is_disc(scene):
-        for kind in ("dust", "gas"):
-            if getattr(scene, kind) is not None:
-                dimensions |= {f"{kind}-{what}": dimension for what, dimension in SNAPSHOT_RESULTS.items()}
+        kinds = [kind for kind in ("dust", "gas") if getattr(scene, kind) is not None]
+        for kind in [*kinds, *_populations(tomllib.loads(scene.text))]:
+            dimensions |= {f"{kind}-{what}": dimension for what, dimension in SNAPSHOT_RESULTS.items()}
     plain = scene.units.system == "code" or scene.space.dimensions == 1
     made = {name: _describe_outcome(scene, name, "" if plain else dimension) for name, dimension in dimensions.items()}
     return made | {"cpu": Outcome("cpu", "s", 1.0)}
+
+
+def _populations(tables: Mapping[str, Any]) -> list[str]:
+    """Return "dust.NAME" for each dust population of a scene with several, given as its tables."""
+    found = populations_of(tables)
+    return [f"dust.{each.name}" for each in found] if len(found) > 1 else []
 
 
 def _describe_outcome(scene: Scene, name: str, dimension: str) -> Outcome:
@@ -128,8 +137,12 @@ def _snapshot_values(folder: Path) -> dict[str, float]:
     paths = sorted(folder.glob("*.h5"))
     first, last = (read_snapshot(path).about_centre() for path in (paths[0], paths[-1]))
     values: dict[str, float] = {}
-    for kind, p in last.species.items():
-        start = first.species[kind]
+    names = _populations(last.tables)
+    apart = {
+        name: tuple(only_population(snap, name.removeprefix("dust.")).dust for snap in (first, last)) for name in names
+    }
+    both = {kind: (first.species[kind], p) for kind, p in last.species.items()} | apart
+    for kind, (start, p) in both.items():
         reach = 1.1 * float(np.quantile(start.radius, 0.999)) if start.count else 1.0
         values |= {f"{kind}-{what}": value for what, value in _species_values(p, reach, last.upper[0]).items()}
     return values

@@ -18,8 +18,8 @@ from discsim.output.fields.base import PlotError
 from discsim.output.fields.display import display_options
 from discsim.output.snapshot import snapshot_files
 from discsim.output.snapshot_writer import write_snapshot
+from discsim.output.sources import select_snapshots
 from discsim.plot.request import Request
-from discsim.plot.sources import select_snapshots
 from discsim.scene import load_scene
 
 COUNT = 400

@@ -10,10 +10,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from discsim.output.bins import Bins
+from discsim.output.fields.names import split_population
+from discsim.output.populations import only_population
 from discsim.parts import FIELDS
 
 if TYPE_CHECKING:
-    from discsim.output.snapshot import Snapshot
+    from discsim.output.snapshot import Snapshot, SnapshotParticles
 
 Array = np.ndarray
 
@@ -64,13 +66,16 @@ class Optics:
 class BinnedFields:
     """The fields of a snapshot in bins, in code units: `binned["gas.v_r"]` is the array of a field.
 
-    `bins_of` returns the bins of a species, given its name.
+    `bins_of` returns the bins of particles. `binned["dust.0.v_r"]` is the field of one population of dust.
     """
 
-    def __init__(self, snap: Snapshot, bins_of: Callable[[str], Bins], optics: Optics | None = None) -> None:
+    def __init__(
+        self, snap: Snapshot, bins_of: Callable[[SnapshotParticles], Bins], optics: Optics | None = None
+    ) -> None:
         self.snap, self._bins_of, self._optics = snap, bins_of, optics
         self._bins: dict[str, Bins] = {}
         self._found: dict[str, Array] = {}
+        self._populations: dict[str, BinnedFields] = {}
 
     @cached_property
     def optics(self) -> Optics:
@@ -83,6 +88,12 @@ class BinnedFields:
         return self._found[name]
 
     def _compute(self, name: str) -> Array:
+        population, plain = split_population(name)
+        if population is not None:
+            if population not in self._populations:
+                apart = only_population(self.snap, population)
+                self._populations[population] = BinnedFields(apart, self._bins_of, self._optics)
+            return self._populations[population][plain]
         field = FIELDS[name]
         if field.kind == "places":
             return field.values(self)
@@ -107,5 +118,5 @@ class BinnedFields:
     def bins(self, species: str) -> Bins:
         """Return the bins of a species."""
         if species not in self._bins:
-            self._bins[species] = self._bins_of(species)
+            self._bins[species] = self._bins_of(self.snap.species[species])
         return self._bins[species]

@@ -15,7 +15,7 @@ import numpy as np
 
 from discsim.output.fields.base import FieldError, PlotError
 from discsim.output.fields.binned import Optics
-from discsim.output.fields.names import available_fields
+from discsim.output.fields.names import field_named, of_population, single_field
 from discsim.output.fields.values import (
     Window,
     default_window,
@@ -24,7 +24,6 @@ from discsim.output.fields.values import (
     inner_radius,
     outer_radius,
 )
-from discsim.parts import FIELDS
 from discsim.scene.units import UnitError, Units, clipped, parse_quantity
 
 if TYPE_CHECKING:
@@ -252,19 +251,17 @@ def positive_quantity(given: Any, name: str, unit: str) -> Any:
 
 def field_of(snap: Snapshot, name: str, edges: Any = None, **given: Any) -> Any:
     """Return the field `name` as a Quantity, as `Snapshot.field` does; `given` are arguments of `display_options`."""
-    found = available_fields(name, snap)
-    if len(found) > 1:
-        raise FieldError(f'"{name}" exists for several species; expected one of {", ".join(found)}')
-    field, snap, display = FIELDS[found[0]], snap.about_centre(), display_options(**given)
+    name = single_field(name, snap)
+    field, snap, display = field_named(name), snap.about_centre(), display_options(**given)
     display.arcsec_per_au(snap.units)  # raises PlotError for a distance without physical units
     if edges is not None:
-        values = fields_in_rings(snap, _edges_in_code_units(snap, edges), display.optics)[found[0]]
+        values = fields_in_rings(snap, _edges_in_code_units(snap, edges), display.optics)[name]
     elif display.window is not None or field.kind != "particles":
         if snap.dimensions == 1:
-            raise FieldError(f"{found[0]}: a run in one dimension has no map; give the argument edges, for bins in x")
-        values = fields_on_pixels(snap, display.map_window(snap), display.pixels, display.optics)[found[0]]
+            raise FieldError(f"{name}: a run in one dimension has no map; give the argument edges, for bins in x")
+        values = fields_on_pixels(snap, display.map_window(snap), display.pixels, display.optics)[name]
     else:
-        values = field.values(snap)
+        values = field.values(of_population(name, snap)[0])
     return field.quantity(snap.units, values)
 
 

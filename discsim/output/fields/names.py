@@ -2,47 +2,140 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from discsim.output.fields.base import AXIS_UNITS, Field, FieldError
+from discsim.output.populations import mean_text, only_population, population_of
 from discsim.parts import FIELDS
 from discsim.scene.messages import nearest_hint
+from discsim.scene.units import clipped
 
 if TYPE_CHECKING:
     from discsim.output.snapshot import Snapshot
 
 
+def split_population(name: str) -> tuple[str | None, str]:
+    """Return the population in the name of a field and the name without it: "0" and "dust.size" for "dust.0.size".
+
+    The population is None for a field of all dust, or of gas.
+    """
+    population, _, last = name.removeprefix("dust.").rpartition(".")
+    if name in FIELDS or not name.startswith("dust.") or not population:
+        return None, name
+    return population, f"dust.{last}" if f"dust.{last}" in FIELDS else last
+
+
+def of_population(name: str, snap: Snapshot) -> tuple[Snapshot, str]:
+    """Return the snapshot with only the population in the name of a field, and the name without the population."""
+    population, plain = split_population(name)
+    return (snap, plain) if population is None else (only_population(snap, population), plain)
+
+
+def field_named(name: str) -> Field:
+    """Return the field with a full name; that of a population, like "dust.0.size", is the field of all dust."""
+    found: Field = FIELDS[split_population(name)[1]]
+    return found
+
+
+def species_text(name: str, snap: Snapshot, of_each: bool = False) -> str:
+    """Return the species of a field for legends: "gas", "dust", "all dust", "dust 1 mm".
+
+    With `of_each` the values are those of particles, otherwise means over particles in bins.
+    """
+    field, (population, plain) = field_named(name), split_population(name)
+    if population is not None:
+        return escaped(population_of(snap, population).legend)
+    if not is_of_dust(field):
+        return plain.partition(".")[0].replace("_", " ")
+    words = mean_text(snap, is_mean=field.kind == "particles" and not of_each)
+    return {"": "dust", "all dust": "all dust"}.get(words, f"dust, {words}")
+
+
+def field_label(name: str, snap: Snapshot, of_all: bool = False, of_each: bool = False) -> str:
+    """Return the label of a field with its unit, and with the size of its population, or that it is of all dust.
+
+    With `of_all` the label is for curves of several species. With `of_each` the values are those of particles,
+    otherwise means over particles in bins.
+    """
+    field, (population, _) = field_named(name), split_population(name)
+    words = ""
+    if population is not None:
+        words = population_of(snap, population).text
+    elif is_of_dust(field):
+        words = mean_text(snap, is_mean=field.kind == "particles" and not of_each)
+    label, bracket, unit = field.text(snap.units, of_all).partition(" [")
+    shown = f", {escaped(words)}" if words and not of_all else ""
+    return f"{label}{shown}{bracket}{unit}"
+
+
+def is_of_dust(field: Field) -> bool:
+    """Return whether a field depends on the dust particles, so that it exists for each population."""
+    return field.species == "dust" or any(need.startswith("dust.") for need in field.needs)
+
+
+def escaped(text: str) -> str:
+    """Return a text in which matplotlib finds no mathematics."""
+    return text.replace("$", r"\$")
+
+
 def matching_fields(word: str) -> list[str]:
     """Return the full names of the fields that match a word. A word like "v_r" matches the field of every species.
 
-    Raises FieldError if there is none, with the most similar name and a list of all fields.
+    A word like "dust.0.v_r" matches the field of one population; whether a run has it depends on the run. Raises
+    FieldError if there is none, with the most similar name and a list of all fields.
     """
-    if word in FIELDS:
+    population, plain = split_population(word)
+    if plain in FIELDS and (population is None or is_of_dust(FIELDS[plain])):
         return [word]
     found = [name for name in FIELDS if name.partition(".")[2] == word]
     if found:
         return found
     last = [name.rpartition(".")[2] for name in FIELDS]
     hint = nearest_hint(word, list(FIELDS)) or nearest_hint(word.rpartition(".")[2], list(dict.fromkeys(last)))
-    raise FieldError(f'"{word}" is not a field; expected one of {", ".join(FIELDS)}{hint}')
+    some = "" if population is None else ', or a field of one population of dust, like "dust.0.size"'
+    raise FieldError(f'"{clipped(word)}" is not a field; expected one of {", ".join(FIELDS)}{some}{hint}')
+
+
+def with_populations(names: Sequence[str], populations: Sequence[str]) -> list[str]:
+    """Return the names of fields, each field of all dust replaced by those of the `populations`, if there are any."""
+    found = []
+    for name in names:
+        population, plain = split_population(name)
+        if populations and population is None and is_of_dust(FIELDS[plain]):
+            found += [f"dust.{each}.{plain.removeprefix('dust.')}" for each in populations]
+        else:
+            found.append(name)
+    return found
 
 
 def needed_columns(names: Iterable[str]) -> set[str]:
     """Return the columns of a snapshot, besides positions and masses, that the fields `names` use."""
-    fields = [FIELDS[name] for name in names]
-    return {need for field in fields for need in (*field.needs, *field.reads) if "." in need}
+    names = list(names)
+    fields = [field_named(name) for name in names]
+    apart = {"dust.species"} if any(split_population(name)[0] is not None for name in names) else set()
+    return apart | {need for field in fields for need in (*field.needs, *field.reads) if "." in need}
 
 
 def available_fields(word: str, snap: Snapshot) -> list[str]:
     """Return the full names of the fields that match a word and that `snap` has. Raises FieldError if there is none."""
     names = matching_fields(word)
-    lacks = {name: missing_reason(FIELDS[name], snap) for name in names}
+    lacks = {name: missing_reason(field_named(name), snap) for name in names}
     there = [name for name in names if lacks[name] is None]
     if not there:
         same = len(set(lacks.values())) == 1
         raise FieldError("; ".join([f"{word}: {lacks[names[0]]}"] if same else [f"{n}: {lacks[n]}" for n in names]))
+    for name in there:
+        of_population(name, snap)  # raises FieldError for an unknown population
     return there
+
+
+def single_field(word: str, snap: Snapshot) -> str:
+    """Return the full name of the one field of `snap` that matches a word. Raises FieldError."""
+    found = available_fields(word, snap)
+    if len(found) > 1:
+        raise FieldError(f'"{word}" exists for several species; expected one of {", ".join(found)}')
+    return found[0]
 
 
 def missing_reason(field: Field, snap: Snapshot) -> str | None:

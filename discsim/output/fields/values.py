@@ -13,7 +13,7 @@ from discsim.parts import EFFECTS, STARTS
 
 if TYPE_CHECKING:
     from discsim.initial.base import Start
-    from discsim.output.snapshot import Snapshot
+    from discsim.output.snapshot import Snapshot, SnapshotParticles
 
 Array = np.ndarray
 Window = tuple[Array, Array]
@@ -25,19 +25,19 @@ def fields_on_pixels(snap: Snapshot, window: Window, pixels: int, optics: Optics
     `snap` is relative to the disc's centre. `optics` is for the fields emission and optical_depth.
     """
     periodic = is_periodic(snap) and np.array_equal(window, (snap.lower, snap.upper))
-    return BinnedFields(snap, lambda kind: square_pixels(snap.species[kind].pos, window, pixels, periodic), optics)
+    return BinnedFields(snap, lambda p: square_pixels(p.pos, window, pixels, periodic), optics)
 
 
 def fields_on_polar_pixels(
     snap: Snapshot, inner: float, outer: float, pixels: int, optics: Optics | None = None
 ) -> BinnedFields:
     """Return the fields [phi, r] of `snap` on polar pixels between the radii `inner` and `outer`."""
-    return BinnedFields(snap, lambda kind: polar_pixels(snap.species[kind].pos, inner, outer, pixels), optics)
+    return BinnedFields(snap, lambda p: polar_pixels(p.pos, inner, outer, pixels), optics)
 
 
 def fields_in_rings(snap: Snapshot, edges: Array, optics: Optics | None = None) -> BinnedFields:
     """Return the fields of `snap` in rings, or in 1D in bins of x, with these edges."""
-    return BinnedFields(snap, partial(_bins_of, snap, np.asarray(edges, dtype=float)), optics)
+    return BinnedFields(snap, partial(_bins_of, np.asarray(edges, dtype=float)), optics)
 
 
 def smooth_profile(
@@ -45,17 +45,15 @@ def smooth_profile(
 ) -> tuple[Array, BinnedFields]:
     """Return the edges of fine rings between the radii `ends`, or in 1D of bins in x, and smoothed fields in them."""
 
-    def bins_of(kind: str) -> Bins:
-        p = snap.species[kind]
+    def bins_of(p: SnapshotParticles) -> Bins:
         return SmoothRings(p.radius if snap.dimensions == 2 else p.pos[:, 0], ends, snap.dimensions)
 
     return np.linspace(*ends, FINE_BINS + 1), BinnedFields(snap, bins_of, optics)
 
 
-def _bins_of(snap: Snapshot, edges: Array, kind: str) -> Bins:
-    """Return the rings, or in 1D the bins of x, with the particles of a species `kind`."""
-    p = snap.species[kind]
-    return Rings(p.pos[:, 0], edges, np.diff(edges)) if snap.dimensions == 1 else Rings(p.radius, edges)
+def _bins_of(edges: Array, p: SnapshotParticles) -> Bins:
+    """Return the rings, or in 1D the bins of x, with the particles `p`."""
+    return Rings(p.pos[:, 0], edges, np.diff(edges)) if p.pos.shape[1] == 1 else Rings(p.radius, edges)
 
 
 def start_of(snap: Snapshot) -> Start | None:

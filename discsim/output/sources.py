@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -13,7 +15,7 @@ from discsim.output.fields.base import PlotError
 from discsim.output.fields.names import needed_columns
 from discsim.output.snapshot import Snapshot, SnapshotError, read_snapshot, snapshot_files
 from discsim.output.snapshot_entries import time_of, units_of
-from discsim.scene.units import UnitError, Units
+from discsim.scene.units import UnitError, Units, clipped
 
 Source = Snapshot | str | Path
 
@@ -61,11 +63,26 @@ def nearest_snapshot(files: Sequence[Path], text: str) -> Path:
     Raises PlotError if `text` is no time.
     """
     times, units = times_and_units(files)
+    return files[int(np.abs(np.array(times) - time_in_code(text, units, "--at")).argmin())]
+
+
+def time_in_code(given: Any, units: Units, name: str) -> float:
+    """Return a time, a text like "700 yr", a Quantity or a number, in code units. Raises PlotError.
+
+    `name` is the argument in messages.
+    """
     try:
-        wanted = units.of_text(text, "time")
+        if isinstance(given, str):
+            return float(units.of_text(given, "time"))
+        value = float(units.in_code(given, "time") if hasattr(given, "unit") else given)
     except UnitError as error:
-        raise PlotError(f"--at: {error}") from None
-    return files[int(np.abs(np.array(times) - wanted).argmin())]
+        raise PlotError(f"{name}: {error}") from None
+    except (TypeError, ValueError):
+        value = math.nan
+    if not math.isfinite(value):
+        shown = clipped(" ".join(str(given).split()))
+        raise PlotError(f'{name}: {shown} is not a time; expected one like "500 yr", or a number in code units')
+    return value
 
 
 def times_and_units(files: Sequence[Path]) -> tuple[list[float], Units]:
