@@ -38,11 +38,11 @@ from discsim.output.drawing import figure_text
 from discsim.output.populations import populations_of
 from discsim.output.results import display_unit, positive_number, print_fault, print_table, script_parser, write_table
 from discsim.output.snapshot import Snapshot, read_snapshot, snapshot_files
+from discsim.output.sources import times_and_units
 from discsim.physics.centre import kepler_omega
 from discsim.physics.companions import scale_height
 from discsim.physics.viscosity import diffusivity
 from discsim.plot.request import save
-from discsim.output.sources import times_and_units
 from discsim.printable import UserError
 
 RINGS = 160  # of a profile, between half and twice the orbit
@@ -254,7 +254,7 @@ def only(dust: Any, population: int) -> Any:
 
 def labels(gap: Gap) -> list[str]:
     """Return the names of the gas and of the dust populations, with grain sizes if the scene has them."""
-    texts = [f" ({each.text})" if each.text != str(each.number) else "" for each in populations_of(gap.first)]
+    texts = [f" ({each.text})" if each.text != str(each.number) else "" for each in populations_of(gap.first.tables)]
     return ["gas", *(name + text for name, text in zip(list(gap.profiles)[1:], texts, strict=False))]
 
 

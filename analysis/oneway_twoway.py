@@ -178,7 +178,7 @@ def compare(directories: list[Path], out: Path, within: list[float], width: floa
     columns += [(f"M(<{length * r:.3g})", earth) for r in radii]
     columns += [("peak at", au), ("peak", g_cm2), ("width", au), ("contrast", "")]
     found = [scale * np.array(rows_of(run, edges, radii, rings)) for run in runs]
-    made = Comparison(names, columns, found, len(populations_of(one[0])))
+    made = Comparison(names, columns, found, len(populations_of(one[0].tables)))
     lines = ((name, *(f"{v:.5g}" for v in row)) for rows in zip(*found, strict=True)
              for name, row in zip(names, rows, strict=True))  # fmt: skip
     write_table(out / "oneway_twoway.csv", ["run", *headings(columns)], lines)
