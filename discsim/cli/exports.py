@@ -35,7 +35,7 @@ def export(
         str | None, typer.Option(metavar="T", help='Time of the snapshot, like "700 yr"; the nearest [the last].')
     ] = None,
 ) -> None:
-    """Write the disc as input of a code of radiative transfer, RADMC-3D or MCFOST."""
+    """Write the disc as input of RADMC-3D or MCFOST."""
     from discsim.export.options import ExportOptions
     from discsim.export.products import write_export
     from discsim.output.snapshot import read_snapshot

@@ -81,7 +81,7 @@ def image(
         ),
     ] = None,
 ) -> None:
-    """Make images on the sky: a figure and FITS files."""
+    """Make images on the sky, as a figure and FITS files."""
     from discsim.sky.image import ImageOptions
     from discsim.sky.products import write_products
 
