@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 Array = np.ndarray
 MARGIN = 4  # rings beyond the first and the last particle, into which Gaussians reach
 DEPTH = 1e-4  # smallest radius of the cells over the largest; particles further in belong to the innermost cells
+MAX_VALUES = 200_000_000  # most densities in a file: 1.6 GB
 REACH = 5.0  # height of the grids in heights of the gas; beyond lies 6e-7 of the mass
 
 
@@ -136,6 +137,15 @@ class Disc:
         """Return the mass in each cell [ring, azimuth]; the sum is that of `mass` (n,) to rounding."""
         found = np.maximum(self.cells(pos).sum(mass), 0.0)
         return found * (mass.sum() / found.sum())
+
+    def check_size(self, heights: int, species: int) -> None:
+        """Raise PlotError if there are too many densities, for cells in height and species."""
+        count = len(self.radius) * self.azimuths * heights * species
+        if count > MAX_VALUES:
+            raise PlotError(
+                f"{self.prefix}cells: {self.azimuths} in azimuth are {count:.2g} densities of {species} species; "
+                f"expected at most {MAX_VALUES:.2g}, by fewer {self.prefix}cells or {self.prefix}sizes"
+            )
 
     def velocities(self) -> Array:
         """Return the velocity of the gas [2, ring, azimuth], along r and phi; circular orbits where gas is missing."""

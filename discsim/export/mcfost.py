@@ -51,6 +51,7 @@ def write_folder(snap: Snapshot, folder: Path, options: ExportOptions) -> list[s
     tops = _tops(disc, scale, flaring)
     thinnest = min(float((height / tops).min()) for height in heights)
     number = int(np.clip(np.ceil(2.0 / thinnest), 10, MAX_HEIGHTS))
+    disc.check_size(number, len(groups))
     levels = np.linspace(0.0, 1.0, number + 1)
     masses = [0.0 if grains is None else float(grains.mass.sum()) for _, grains in groups]
     densities = [

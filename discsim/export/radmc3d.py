@@ -49,6 +49,7 @@ def write_folder(snap: Snapshot, folder: Path, options: ExportOptions) -> list[s
     opacity = opacity_of(options.opacity, options.prefix)
     heights = [disc.height(group) for group in groups]
     thetas = _thetas(disc, heights)
+    disc.check_size(len(thetas) - 1, len(groups))
     volume = _volumes(disc, thetas) * snap.units.cgs("length") ** 3
     wavelengths = _wavelengths(opacity)
     _write_grid(folder, disc, thetas)

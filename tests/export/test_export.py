@@ -304,6 +304,12 @@ def test_mcfost_gets_many_sizes_at_equal_ratios(tmp_path):
         ("radmc3d", {"alpha": -1.0}, "alpha: -1.0; expected a number above 0"),
         ("radmc3d", {"alpha": None}, r"alpha: missing, and the scene has no \[dust_diffusion\]"),
         ("radmc3d", {"cells": 3}, "cells: 3; expected a whole number from 8 to 2048"),
+        (
+            "radmc3d",
+            {"cells": 2048},
+            r"cells: 2048 in azimuth are [\d.e+]+ densities of 2 species; expected at most 2e\+08",
+        ),
+        ("mcfost", {"cells": 2048}, "cells: 2048 in azimuth are "),
         ("radmc3d", {"sizes": 2.5}, "sizes: 2.5; expected a whole number"),
         ("radmc3d", {"star_radius": "3 au/s"}, "star_radius: "),
         ("radmc3d", {"temperature": "hot"}, "temperature: "),
