@@ -82,10 +82,10 @@ REFUSED = {
     "steps beyond all": (wave(run={"courant": 1e9}), "run.courant: 1000000000.0 is out of range; expected at most 100"),
     "all are neighbours": (wave({"eta": 1e9}), "gas.eta: 1000000000.0 is out of range; expected at most 30"),
     "wider than space": (
-        wave({"smoothing_length": 7.0}), "gas.smoothing_length: 7 times space.size; expected at most 2 times"),
+        wave({"smoothing_length": 7.0}), "gas.smoothing_length: the length is 7 times space.size; expected at most 2 times"),
     "lone particles": (
         wave({"kernel": "quintic-h", "eta": 1.4}), 'gas.eta: 1.4 leaves a particle of kernel "quintic-h" without'),
-    "layer": (layer(150, 4.0), "gas.particles: 150 are too few for a layer that reaches to 4 scale "
+    "layer": (layer(150, 4.0), "gas.particles: 150 particles are too few for a layer that reaches to 4 scale "
                                "heights*expected at least 2989"),
     "thick layer": (layer(150, 40.0), "initial.vertical_extent: a layer 80 scale heights thick has practically "
                                       "no gas at its ends"),

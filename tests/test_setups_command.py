@@ -154,9 +154,9 @@ def test_a_scene_that_is_not_there(verb, work):
     of_clone = refused(verb, "setups/dusty_box.toml")
     assert of_clone == f"setups/dusty_box.toml: {expected}; for the setup of this name give: dusty_box"
     assert refused(verb, "no.toml") == f"no.toml: {expected}"
-    assert "expected a scene" in refused(verb, "x" * 300)
+    assert "give a scene" in refused(verb, "x" * 300)
     (work / "folder").mkdir()
-    assert refused(verb, "folder") == "folder: is a directory; expected a scene file (TOML)"
+    assert refused(verb, "folder") == "folder: is a directory; give a scene file (TOML)"
 
 
 def test_a_setup_runs_by_its_name_and_what_it_leaves_says_which_version_wrote_it(work):

@@ -21,7 +21,7 @@ def read_scene_text(path: Path) -> str:
     except (OSError, ValueError) as error:
         known: dict[type, str] = {FileNotFoundError: "file not found", IsADirectoryError: "is a directory"}
         wrong = known.get(type(error), f"cannot be read: {getattr(error, 'strerror', None) or error}")
-        raise SceneError([f"{path}: {wrong}; expected a scene file (TOML)"]) from None
+        raise SceneError([f"{path}: {wrong}; give a scene file (TOML)"]) from None
     try:
         return content.decode("utf-8").removeprefix("\ufeff").replace("\r\n", "\n")
     except UnicodeDecodeError as error:

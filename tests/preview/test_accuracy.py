@@ -57,7 +57,7 @@ def test_drag_is_told_of_the_usual_scheme_by_its_cells():
 
 def test_what_is_not_known_is_said():
     text = report(load_scene("setups/star_dust.toml"))
-    assert "accuracy, estimated\n  nothing" in text and "discsim cost SCENE --error 1%" in text
+    assert "accuracy, estimated\n  no estimate" in text and "discsim cost SCENE --error 1%" in text
     assert "exact solution" in report(load_scene("setups/dusty_wave.toml"))
 
 

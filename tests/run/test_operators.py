@@ -114,7 +114,7 @@ FAULTS = {
     ],
     'other.force: there is no "drag.kick" to read': [operator(reads=["drag.kick"])],
     "other.force: gas.acc is complete only in the slot LIMIT": [operator(reads=["gas.acc"])],
-    "other.kick: only a base.KickEffect": [operator("kick", Slot.KICK)],
+    "other.kick: the operator is in the slot KICK": [operator("kick", Slot.KICK)],
     'gas.push: the operator belongs to the effect other; expected a name that begins with the effect': [
         operator()._replace(name="gas.push")
     ],

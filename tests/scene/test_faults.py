@@ -37,7 +37,7 @@ FAULTS = [
     ('law = "epstein"', 'law = "epstein"\nscheme = "idc"', 33, 'drag.scheme: "idc" is unknown* "idic"?'),
     ('law = "epstein"', 'law = "epstein"\nstokes = 1', 33, "drag.stokes: used only with drag.law *"),
     ('law = "epstein"', 'law = "constant"', 31, 'drag.K: missing, but required by drag.law = "constant"'),
-    ('law = "epstein"', 'law = "epstein"\nheating = true', 33, "drag.heating: gas with eos.kind *"),
+    ('law = "epstein"', 'law = "epstein"\nheating = true', 33, "drag.heating: gas with gas.eos.kind *"),
     ('law = "epstein"', 'law = "epstein"\nheating = "yes"', 33, 'drag.heating: "yes" is neither*'),
     ("cells = 512", "dimensions = true", 9, "space.dimensions: true is not a number*"),
     ('grain_size = "1 cm"', "", 22, 'dust.grain_size: missing, but required by drag.law = "epstein"'),
@@ -62,7 +62,7 @@ FAULTS = [
     ),
     ("[gas.viscosity]", "[gas.conductivity]", 21, "gas.conductivity: conductivity needs an energy equation*"),
     ("[gas.viscosity]", "[gas.viscosty]", 21, 'gas.viscosty: unknown key* did you mean "viscosity"?'),
-    ('kind = "locally', 'gamma = 2\nkind = "locally', 18, 'gas.eos.gamma: unknown*; the key exists only with kind*'),
+    ('kind = "locally', 'gamma = 2\nkind = "locally', 18, 'gas.eos.gamma: unknown*; the key exists only *'),
     ("[gas.viscosity]", "[gas.viscosity]\nalpha = -1", 22, "gas.viscosity.alpha: -1 is out*at least 0"),
     ('title = "a disc"', "title = 3", 1, "title: 3 is not text*"),
     ('until = "1060 yr"', 'until = "0 yr"', 6, 'run.until: "0 yr" is not positive*'),
@@ -118,7 +118,7 @@ def test_byte_order_mark_and_windows_lines_are_read(tmp_path):
 
 def test_file_that_is_not_there(tmp_path):
     assert problems(tmp_path / "no.toml") == [f"{tmp_path / 'no.toml'}: file not found; give a scene file (TOML)"]
-    assert problems(tmp_path) == [f"{tmp_path}: is a directory; expected a scene file (TOML)"]
+    assert problems(tmp_path) == [f"{tmp_path}: is a directory; give a scene file (TOML)"]
 
 
 RULES = [
@@ -131,7 +131,7 @@ RULES = [
     ({"initial": {"kind": "shock"}, "space": {"dimensions": 2}}, "space.dimensions: 2 is not possible*"),
     ({"initial": {"direction": [0.5]}}, "initial.direction: [0.5] is not a list of whole numbers"),
     ({"initial": {"direction": [0]}}, "initial.direction: there are 0 wavelengths*"),
-    ({"initial": {"direction": [1, 1]}}, "initial.direction: [1, 1] has 2 entries; expected 1*"),
+    ({"initial": {"direction": [1, 1]}}, "initial.direction: [1, 1] has 2 values; expected 1*"),
     ({"initial": {"wavenumber": 1.5}}, "initial.wavenumber: 1.5 is not a whole number"),
     ({"star": {"mass": 1}}, "star: a star is possible only in two dimensions*"),
     ({"star": {"mass": 1}, "space": {"dimensions": 2, "size": 1}}, "star: a star is not possible in a periodic space*"),
@@ -312,6 +312,8 @@ def test_disc_without_a_centre_and_grid_too_small_for_gravity(tmp_path):
     assert_matches(
         problems(path, without=["star", "self_gravity"]), f"{path}:11: initial.kind: no gravity binds the disc*"
     )
-    assert_matches(problems(path, ["space.cells=4"]), "--set space.cells=4: space.cells: too few for self-gravity*")
+    assert_matches(
+        problems(path, ["space.cells=4"]), "--set space.cells=4: space.cells: there are too few cells for self-gravity*"
+    )
     small = problems(path, ["initial.toomre_q=2"], ["star"])
     assert_matches(small, "--set initial.toomre_q=2: initial.toomre_q: Q = c_s kappa*")
