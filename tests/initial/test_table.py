@@ -137,7 +137,7 @@ def test_the_pull_of_the_pressure_is_that_of_the_interpolation(tmp_path):
         ("r Sigma resolution\n1 1 1\n2 1 0\n", ":3: resolution = 0 is out of range; expected a positive number"),
         (
             "r Sigma resolution [1/g]\n1 1 1\n2 1 1\n",
-            ':1: column resolution: "1/g" is a unit, but a resolution has none',
+            ':1: column resolution: "1/g" is a unit, but a resolution has no unit',
         ),
         ("r [au] Sigma\n1 1\n2 1\n", ':1: column r: "au" is a unit'),
     ],

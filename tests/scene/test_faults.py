@@ -62,7 +62,7 @@ FAULTS = [
     ),
     ("[gas.viscosity]", "[gas.conductivity]", 21, "gas.conductivity: conductivity needs an energy equation*"),
     ("[gas.viscosity]", "[gas.viscosty]", 21, 'gas.viscosty: unknown key* did you mean "viscosity"?'),
-    ('kind = "locally', 'gamma = 2\nkind = "locally', 18, 'gas.eos.gamma: unknown*; the key exists only *'),
+    ('kind = "locally', 'gamma = 2\nkind = "locally', 18, 'gas.eos.gamma: unknown*only with kind = "adiabatic"'),
     ("[gas.viscosity]", "[gas.viscosity]\nalpha = -1", 22, "gas.viscosity.alpha: -1 is out*at least 0"),
     ('title = "a disc"', "title = 3", 1, "title: 3 is not text*"),
     ('until = "1060 yr"', 'until = "0 yr"', 6, 'run.until: "0 yr" is not positive*'),
