@@ -371,10 +371,11 @@ class Snapshot(Summarised):
         distance : str or Quantity
             Distance, like "140 pc".
         inclination, position_angle, azimuth : str or Quantity
-            Angles like "40 deg". The inclination is 0 to 85 deg for a disc that rotates as in the plane of the scene,
-            95 to 180 deg for one that rotates clockwise on the sky. The position angle, from north to east, is that of
-            the line of nodes, on its receding side. This line is the x axis of the scene, after a turn of the disc by
-            `azimuth` (counter-clockwise). By default a face-on image has x to the right and y up.
+            Angles like "40 deg". The inclination is 0 to 85 deg if the sky shows the disc as it rotates in the scene,
+            95 to 180 deg if the sky shows the opposite rotation. The position angle, from north to east, is the
+            direction of the +x axis of the disc, after the disc is turned by `azimuth` (counter-clockwise). The half
+            of a counter-clockwise disc around this axis recedes. By default a face-on image has x to the right and y
+            up.
         beam : str, Quantity, sequence or radio_beam.Beam, optional
             Full width at half maximum, like "0.05 arcsec", or major and minor width and position angle,
             "0.06 arcsec,0.04 arcsec,30 deg".

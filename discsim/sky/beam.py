@@ -53,7 +53,7 @@ def beam_of(given: Any, prefix: str = "") -> Any:
 def kernel_of(beam: Any, pixel: float, prefix: str = "") -> Array:
     """Return the beam (odd, odd) on pixels of `pixel` arcsec, with sum 1. Raises PlotError if the beam is too narrow.
 
-    Rows go to the north, columns to the west.
+    The first index increases to the north, the second to the west.
     """
     from discsim.scene.astropy_units import units as u
 

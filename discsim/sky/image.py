@@ -49,7 +49,7 @@ QUANTITIES = ("intensity", "velocity", "residual")
 
 @dataclass(frozen=True)
 class SkyMap:
-    """A map on the sky. Rows go to the north, columns to the west, as in FITS files.
+    """A map on the sky. The first index increases to the north, the second to the west, as in FITS files.
 
     Attributes
     ----------
