@@ -68,7 +68,7 @@ BAD_SCENES = [
     ("0.05", "nan", 19, "is not a finite number"),
     ('"epstein"', '"epstein"\nscheme = "idic-lineal"', 33, 'did you mean "idic-linear"?'),
     ("particles = 100_000", 'particles = 1\nkernel = "wendland"', 17, 'did you mean "wendland-c4"?'),
-    ('grain_size = "1 cm"\n', "", 22, 'drag.law "epstein" needs it'),
+    ('grain_size = "1 cm"\n', "", 22, 'dust.grain_size: missing, but required by drag.law = "epstein"; add this key'),
     ('"260 au"', '"199 au"', 8, "space is smaller than the disc"),
 ]
 
@@ -123,7 +123,7 @@ def test_wrong_command_line(tmp_path, calls, arguments, words):
             "scene.toml",
             ", without a checkpoint; choose another directory, or add --resume to restart the run from the beginning",
         ),
-        ("checkpoint.h5", "; choose another directory, or --resume"),
+        ("checkpoint.h5", "; choose another directory, or add --resume"),
         ("snapshots", "; choose another directory"),  # --resume would find nothing there
     ],
 )

@@ -52,7 +52,7 @@ def test_a_layer_of_any_density_is_borne_at_its_ends():
 
 
 def test_a_layer_without_a_balance_is_told():
-    with pytest.raises(SceneError, match=r"gas\.kernel: with kernel \"cubic\" .* expected \"wendland-c4\""):
+    with pytest.raises(SceneError, match=r"gas\.kernel: with kernel \"cubic\" .* set gas.kernel = \"wendland-c4\""):
         Simulation(layer(0.01, 1.0, gas={"kernel": "cubic", "eta": 2.0}))
 
 

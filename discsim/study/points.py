@@ -44,10 +44,8 @@ class Varied:
             if values.count(value) > 1:
                 raise StudyError(f"--vary {text}: {value} occurs twice; give each value once")
             if value.count(":") not in (0, len(keys) - 1):
-                raise StudyError(
-                    f"--vary {text}: {value} has a wrong number of values; give {len(keys)} values, one per key, or "
-                    "one value for all keys"
-                )
+                some = f"{len(keys)} values, one per key, or one value for all keys" if len(keys) > 1 else "one value"
+                raise StudyError(f"--vary {text}: {value} has a wrong number of values; give {some}")
         return cls(tuple(keys), tuple(values))
 
     @property

@@ -213,7 +213,7 @@ def test_clumps_and_modes_in_time(tmp_path):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["gap", "none"], "none: file not found; expected the directory of a run"),
+        (["gap", "none"], "none: file not found; give the directory of a run, or a snapshot"),
         (["torque", "none"], "companions.csv: file not found; expected the directory of a run with a companion"),
         (["torque", "dusty"], "companions.csv: file not found"),
         (["gap", "dusty"], "scene.toml"),

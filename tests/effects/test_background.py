@@ -170,7 +170,7 @@ def test_nothing_of_the_gas_is_made():
     ("change", "message"),
     [
         ({"gas": {"particles": 9, "eos": {"kind": "isothermal", "sound_speed": 1.0}}}, "[gas] is also given"),
-        ({"drag": {"law": "stokes-number", "stokes": 0.1}}, 'expected direction = "one-way"'),
+        ({"drag": {"law": "stokes-number", "stokes": 0.1}}, 'set drag.direction = "one-way"'),
         ({"drag": {"law": "stokes-number", "stokes": 0.1, "direction": "one-way", "scheme": "tsc"}}, "no drag cells"),
         ({"star": None}, "add a table [star]"),
         ({"drag": None}, "add a table [drag]"),

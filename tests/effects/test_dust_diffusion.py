@@ -394,7 +394,7 @@ def test_bad_keys_end_in_one_message(change, wrong):
         ({"dust_diffusion": {"alpha": 0.1, "D": None}, "gas": None}, "alpha c_s H needs gas"),
         (
             {"drag": {"law": "constant", "K": 1.0, "scheme": "emsi-ppm"}, "dust": {"particles": 100}},
-            "has no dust diffusion",
+            "does not allow dust diffusion",
         ),
     ],
 )

@@ -169,7 +169,10 @@ def test_a_part_that_cannot_be_imported_is_one_message(spring, monkeypatch, caps
 def test_two_parts_of_one_name_are_one_message(tmp_path, monkeypatch):
     install(tmp_path, {"stars": "Effect = None"}, {"discsim.effects": {"star": "stars:Effect"}})
     monkeypatch.syspath_prepend(tmp_path)
-    with looked_up_anew(), pytest.raises(PartError, match=r'"star" is discsim[.]effects[.]star:Effect, and also stars'):
+    with (
+        looked_up_anew(),
+        pytest.raises(PartError, match=r'"star" belongs to discsim[.]effects[.]star:Effect, and to stars'),
+    ):
         list(EFFECTS)
 
 

@@ -383,7 +383,7 @@ def test_own_particles_bring_what_they_like():
         ({"growth": {"fragmentation_speed": -1.0}}, "growth.fragmentation_speed: "),
         ({"growth": {"small_size": None}}, "growth.small_size: missing; the default 1 um"),
         ({"growth": {"smallest": 2e-9}}, "growth.smallest: the size is not smaller than growth.small_size"),
-        ({"growth": {"small_ratio": 0.4}}, "growth.small_ratio: larger than dust.ratio = 0.3"),
+        ({"growth": {"small_ratio": 0.4}}, "growth.small_ratio: the ratio is larger than dust.ratio = 0.3"),
         ({"dust": {"grain_size": 1e-10}}, "dust.grain_size: the initial size is smaller than growth.small_size"),
         (
             {"dust": {"grain_size": {"smallest": 1e-6, "largest": 1e-3}}},

@@ -327,7 +327,7 @@ def test_a_guard_leaves_a_box_its_pressure():
 
 def test_quiet_gas_wants_a_star_or_a_periodic_plane():
     tables, particles, _ = plane(True, boundary="open")
-    with pytest.raises(SceneError, match=r"gas.quiet: .*quiet needs a disc about a star, or a periodic 2D space"):
+    with pytest.raises(SceneError, match=r"gas.quiet: quiet gas needs a disc about a star, or a periodic 2D space"):
         Simulation(tables, particles=particles)
 
 

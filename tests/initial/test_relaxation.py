@@ -157,7 +157,7 @@ def test_it_is_told_and_foreseen(tmp_path, monkeypatch):
         (disc("nan orbits"), "is not a number of orbits"),
         (disc(True), "is not a number"),
         (disc(1e4), "expected at most 1000"),
-        (disc(1, start={"perturbation": 0.1}), "relaxation would remove it; leave initial.perturbation"),
+        (disc(1, start={"perturbation": 0.1}), "relaxation would remove it; remove initial.perturbation"),
         (disc(1, start={"relex": 1}), "relax"),
     ],
 )

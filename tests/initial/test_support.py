@@ -82,7 +82,7 @@ def test_a_taper_lowers_the_bound(aspect, taken):
     if taken:
         load_scene(disc(0.9 * aspect, initial=TAPERS))
         return
-    bound = float(re.search(r"H/r < ([\d.]+)", refused(disc(aspect, initial=TAPERS)))[1])
+    bound = float(re.search(r"lower H/r below ([\d.]+)", refused(disc(aspect, initial=TAPERS)))[1])
     assert 0.5 < bound < 0.56
     load_scene(disc(0.98 * bound * (REFERENCE / 3.0) ** 0.25, initial=TAPERS))
 
@@ -159,7 +159,7 @@ def test_what_is_left_without_balance_is_refused_by_the_start():
     tables |= {"self_gravity": {"softening": 0.1}}
     del tables["star"]
     scene = load_scene(tables)
-    with pytest.raises(SceneError, match=r"of the gas has no circular orbit near r = "):
+    with pytest.raises(SceneError, match=r"of the gas mass has no circular orbit near r = "):
         Simulation(scene)
 
 

@@ -375,7 +375,7 @@ BAD = [
     (["gas.viscosity.alpha=1"], "gas.viscosity*no SPH particles"),
     (["external.gas=1"], "external*has only pressure and drag"),
     (["star.mass=1"], "star*has only pressure and drag"),
-    (["space.dimensions=2"], "space.dimensions: *expected 1"),
+    (["space.dimensions=2"], "space.dimensions: *set space.dimensions = 1"),
     (["space.cells=10"], "space.cells: *expected 40, or this key left out"),
     (["run.integrator=euler"], "run.integrator: *its own time integrator"),
     (["initial.kind=sheet"], "initial.kind: *expected box, wave or shock"),

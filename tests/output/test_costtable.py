@@ -21,8 +21,9 @@ def test_what_a_run_writes_is_read_again(tmp_path):
     [
         ("", ":1: not the header"), ("effect,calls\n", ":1: not the header"), (f"{HEAD}\ngas,7,1.5\n", ":2: not a row"),
         (f"{HEAD}\ngas,7,1.5,1\ndrag,x,0.5,0\n", ":3: not a row"), (f"{HEAD}\ngas,7,nan,1\n", ":2: not a row"),
-        (f"{HEAD}\ngas,7,1e999,1\n", ":2: not a row"), (b"\xff\xfe", ": not a table"), ("a\0b", ":1: not the header"),
-        (f'{HEAD}\n"{"x" * 140_000}\n', ": not a table"), (f"{HEAD}\n\n", ":2: not a row"),
+        (f"{HEAD}\ngas,7,1e999,1\n", ":2: not a row"), (b"\xff\xfe", ": not a text table"),
+        ("a\0b", ":1: not the header"), (f'{HEAD}\n"{"x" * 140_000}\n', ": not a text table"),
+        (f"{HEAD}\n\n", ":2: not a row"),
     ],
 )  # fmt: skip
 def test_a_damaged_table_is_one_message(tmp_path, content, wrong):

@@ -94,7 +94,8 @@ def test_a_command_does_not_replace_what_is_no_plain_file(run, tmp_path, target,
     done = CliRunner().invoke(app, [*given, str(path)])
     assert done.exit_code in (1, 2) and len(done.stderr.splitlines()) == 1 and str(path) in done.stderr
     if command[0] != "new":  # which takes no name that is there, of whatever kind
-        assert done.stderr.startswith(f"{path}: ") and f"is {kind}; expected a plain file there" in done.stderr
+        assert done.stderr.startswith(f"{path}: ")
+        assert f"is {kind}; choose the name of a plain file or of a new file" in done.stderr
     assert_untouched(path, mode)
 
 

@@ -143,7 +143,7 @@ def test_why_a_run_lacks_a_field(snap):
     assert "the grains have one size" in lacks("dust.size", snap)
     assert "no [growth]" in lacks("small_dust.surface_density", snap)
     assert lacks("stokes", replace(snap, dust=None)) == "stokes: the run has no dust"
-    assert "needs two dimensions" in lacks("v_r", replace(snap, dimensions=1))
+    assert "needs a run in two dimensions, but the run is in one dimension" in lacks("v_r", replace(snap, dimensions=1))
     assert available_fields("v_r", snap) == ["gas.v_r", "dust.v_r"]
     assert available_fields("v_r", replace(snap, gas=None)) == ["dust.v_r"]
     code = replace(snap, units=replace(snap.units, system="code"), gas=replace(snap.gas, temperature=None))

@@ -49,7 +49,7 @@ def test_another_scene_is_refused(finished, tmp_path, overrides, without, keys, 
     said = capsys.readouterr()
     assert said.out == "" and len(said.err.splitlines()) == 1
     assert f"{finished}/checkpoint.h5: " in said.err
-    assert f"differs from that of the run in {keys}; expected" in said.err
+    assert f"differs from the scene of the run in {keys}; change only" in said.err
     assert contents(finished) == before
 
 

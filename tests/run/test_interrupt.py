@@ -161,7 +161,7 @@ def test_the_checkpoint_of_another_scene_is_refused(tmp_path, sim):
     other = Simulation(scene_of(tmp_path, WAVE, "drag.t_stop=0.1", "run.threads=1"))
     before = all_bits(other)
     with pytest.raises(
-        SceneError, match=r"a\.h5: the scene differs from the scene of the run in " r"drag\.t_stop; expected"
+        SceneError, match=r"a\.h5: the scene differs from the scene of the run in " r"drag\.t_stop; change only"
     ):
         other.restore(tmp_path / "a.h5")
     assert all_bits(other) == before

@@ -47,7 +47,7 @@ def test_the_cheapest_setting_of_a_wave(wave, tmp_path):
     for words in (
         "cheapest for 0.5%: ",
         "the scene: ",
-        "effect of each setting",
+        "effect of each knob",
         "search: ",
         "times the scene's",
     ):
@@ -82,7 +82,7 @@ def test_the_cheapest_setting_of_a_wave(wave, tmp_path):
         (["--error", "1%", "--measure", "gas-profile", "--reference", "gas.particle=7"], 'did you mean "particles"'),
         (["--error", "1%", "--measure", "gas-profile", "--reference", "gas.particles"], "not a key with a value"),
         (["--measure", "exact", "--vary", "drag.K=1,2"], "--measure: used only with --error"),
-        ([], "give --error 1%"),
+        ([], "nothing to do; add --error 1% to find the cheapest setting, or --vary with values of a key"),
     ],
 )
 def test_faults_are_one_line_and_write_nothing(wave, tmp_path, arguments, words):
@@ -171,7 +171,7 @@ def test_what_is_not_reached_is_told_with_the_best_found(wave, tmp_path, monkeyp
     done = invoke(wave, "--error", "0.01%", *vary, "-o", tmp_path / "s")
     assert done.exit_code == 4 and not (tmp_path / "s" / "cheapest.toml").exists()
     line = next(line for line in done.output.splitlines() if "was not reached" in line)
-    assert "no tested setting reaches it; closest is gas.particles = 120, dust.particles = 120" in line
+    assert "no tested setting reaches this error; closest is gas.particles = 120, dust.particles = 120" in line
 
 
 def test_the_budget_ends_a_search(wave, tmp_path, monkeypatch, undrawn):

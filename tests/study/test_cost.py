@@ -112,10 +112,22 @@ def test_keys_and_values_are_read():
     assert Varied.from_text("a.x,b.y=1,2").settings("2") == {"a.x": "2", "b.y": "2"}
 
 
-@pytest.mark.parametrize("text", ["a.b", "a.b=", "=1", "a.b=1,,2", "a.b=1,1", ",=1", "a.b=1:2", "a,b,c=1:2"])
-def test_what_cannot_be_read_is_told(text):
-    with pytest.raises(StudyError, match="expected"):
+@pytest.mark.parametrize(
+    "text, words",
+    [
+        (text, "not a key with values; expected table.key=a,b,c, like drag.scheme=mk,tsc")
+        for text in ("a.b", "a.b=", "=1", "a.b=1,,2", ",=1")
+    ]
+    + [
+        ("a.b=1,1", "1 occurs twice; give each value once"),
+        ("a.b=1:2", "1:2 has a wrong number of values; give one value"),
+        ("a,b,c=1:2", "1:2 has a wrong number of values; give 3 values, one per key, or one value for all keys"),
+    ],
+)
+def test_what_cannot_be_read_is_told(text, words):
+    with pytest.raises(StudyError) as error:
         Varied.from_text(text)
+    assert str(error.value) == f"--vary {text}: {words}"
 
 
 @given(st.lists(st.text("abc123._-", min_size=1), min_size=1, max_size=5, unique=True))
