@@ -8,7 +8,7 @@ rank, and so are the results of the FFT plans.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy.fft import dct
@@ -24,7 +24,9 @@ from discsim.numerics.poisson import (
     periodic_transform,
     tiles_of,
 )
-from discsim.ranks.comm import Comm
+
+if TYPE_CHECKING:  # analysis/rank_sent.py imports this module where mpi4py is not installed
+    from discsim.ranks.comm import Comm
 
 Array = np.ndarray
 
