@@ -83,23 +83,29 @@ def test_the_first_fault_is_raised_once_all_jobs_have_ended(four_cores):
 @pytest.mark.parametrize("where", ["early", "late"])
 def test_ctrl_c_waits_for_the_jobs_that_have_begun(four_cores, where):
     """Then all goes on."""
-    ended = []
+    ended, begun = [], threading.Event()
 
     def interrupt(here):
         if here == where:
             os.kill(os.getpid(), signal.SIGINT)
             time.sleep(0.1)
 
+    def interrupt_early():
+        begun.wait()
+        time.sleep(0.1)  # until the caller waits for both jobs; before, it would not begin the second
+        interrupt("early")
+
     def job():
+        begun.set()
         try:
             parallel_for(lambda first, last: time.sleep(0.001), 64, least=1)
-            time.sleep(0.1)
+            time.sleep(0.3)
             interrupt("late")
         finally:
             ended.append(True)
 
     with pytest.raises(KeyboardInterrupt):
-        run_concurrently(lambda: interrupt("early"), job)
+        run_concurrently(interrupt_early, job)
         time.sleep(1.0)
     assert ended == [True]
     run_nine_jobs()
