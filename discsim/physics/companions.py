@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from discsim.exact import kepler
+from discsim.formulas import centre as formulas
 from discsim.parts import Lazy
 from discsim.physics import centre, profile
 from discsim.physics.centre import kepler_omega
@@ -74,8 +75,8 @@ def hill_radius(scene: Scene, companion: Any) -> float:
 
 def period(scene: Scene, companion: Any) -> float:
     """Return the period of a companion's orbit about the star."""
-    mass = orbits.orbital_mass(scene, scene.star.mass, companion.mass)
-    return 2.0 * math.pi * math.sqrt(companion.semi_major_axis**3 / mass)
+    mass = formulas.orbital_mass(scene.star.mass, companion.mass, scene.star.indirect)
+    return formulas.period(mass, companion.semi_major_axis)
 
 
 def gap_number(scene: Scene, companion: Any) -> float:

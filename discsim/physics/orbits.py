@@ -41,6 +41,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from discsim.exact import kepler
+from discsim.formulas import centre as formulas
 from discsim.numerics.bodies import Bodies
 from discsim.physics.centre import central_mask
 from discsim.physics.companions import ramp_fraction
@@ -87,7 +88,7 @@ def felt_by_star(scene: Scene) -> frozenset[str]:
 
 def orbital_mass(scene: Scene, star: float, companion: float) -> float:
     """Return GM of an orbit: the sum of two masses, or `star` if companions do not accelerate the star."""
-    return star + companion if "companions" in felt_by_star(scene) else star
+    return formulas.orbital_mass(star, companion, scene.star.indirect)
 
 
 def is_star_at_rest(scene: Scene) -> bool:

@@ -1,7 +1,8 @@
 """Types of the keys of a scene, with their dimensions, limits and descriptions of defaults.
 
 The `Measure` of a key names its dimension. Validation converts texts such as "0.6 au" to floats in code units. The
-validation context of pydantic, `info.context`, has the `Units` of the scene, and the folder of the scene file.
+validation context of pydantic, `info.context`, has the `Units` and `OrbitalPeriods` of the scene, and the folder of the
+scene file.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Fiel
 from pydantic_core import PydanticCustomError, core_schema
 
 from discsim.printable import printable
+from discsim.scene.orbits import FaultyTableError, OrbitalPeriods, mentions_orbits
 from discsim.scene.units import UnitError, Units, clipped, seconds
 from discsim.userfiles import open_plain
 
@@ -115,6 +117,8 @@ class Measure:
         if value is None or (isinstance(value, str) and value in self.words):
             return value
         units = units_of(info)
+        if self.name == "time" and mentions_orbits(value):
+            return _time_of_orbits(value, info)
         if not self.name or units.system == "code":
             if self.name and isinstance(value, str):
                 raise fault(f"{shown(value)} is text, but the scene is in code units; expected a number without quotes")
@@ -141,6 +145,21 @@ class Measure:
         if self.whole and any(entry != int(entry) for entry in read):
             raise fault(f"{shown(value)} is not a list of whole numbers")
         return tuple(read)
+
+
+def _time_of_orbits(text: str, info: ValidationInfo) -> float:
+    """Return a number of orbits like "40 orbits at 5.2 au" as a time in code units. Raises a `fault`.
+
+    If this text is correct, but the star or a companion is not, the fault is secondary to theirs.
+    """
+    assert info.context is not None
+    periods: OrbitalPeriods = info.context["orbits"]
+    try:
+        return _check_range(periods.parse(text), shown(text))
+    except FaultyTableError as error:
+        raise PydanticCustomError("secondary_fault", "{message}", {"message": str(error)}) from error
+    except UnitError as error:
+        raise fault(str(error)) from error
 
 
 def _one_per_dimension(value: Sequence[Any], info: ValidationInfo) -> Sequence[Any]:

@@ -22,6 +22,7 @@ from discsim.scene.fields import InputFile, shown
 from discsim.scene.messages import (
     Origins,
     SceneError,
+    SecondaryFault,
     drop_secondary_errors,
     message,
     nearest,
@@ -29,6 +30,7 @@ from discsim.scene.messages import (
     problem_from_error,
     value_at,
 )
+from discsim.scene.orbits import OrbitalPeriods, show_time
 from discsim.scene.overrides import apply_options
 from discsim.scene.reading import parse_scene, read_scene_text, refuse_deep, to_toml_types
 from discsim.scene.rules import Draft, Problem, broken_rules
@@ -140,11 +142,27 @@ class Scene(Summarised, BaseModel):
     def facts(self) -> list[tuple[str, str]]:
         """The rows (name, value) of the summary: end time, space, start, particle numbers and effects."""
         size = " x ".join(self.units.show(side, "length") for side in self.space.size)
-        rows = [("until", self.units.show_time(self.run.until)), ("space", f"{size}, {self.space.boundary}")]
+        rows = [("until", self.show_time(self.run.until)), ("space", f"{size}, {self.space.boundary}")]
         rows += [("starts as", self.initial.kind)] if self.initial is not None else []
         rows += [("gas", f"{self.gas.particles:,}")] if self.gas is not None else []
         rows += [("dust", ", ".join(f"{each.particles:,}" for each in self.dust))] if self.dust is not None else []
         return [*rows, ("effects", ", ".join(self.effects))]
+
+    def show_time(self, t: float) -> str:
+        """Return a time of the run as text.
+
+        Parameters
+        ----------
+        t : float
+            Time in code units.
+
+        Returns
+        -------
+        str
+            The time, like "474.3 yr", or "474.3 yr (40 orbits at 5.2 au)" if run.until or run.every is a number of
+            orbits, or if the scene has a single bound companion.
+        """
+        return show_time(t, self.units, self.text)
 
     def table(self, name: str) -> Any:
         """Return the table of an effect.
@@ -255,15 +273,17 @@ def _validate_tables(data: dict[str, Any], own_particles: bool, folder: Path) ->
     faults += unit_faults
     found: dict[str, Any] = {}
     filled = _with_defaults(data, own_particles)
+    periods = OrbitalPeriods({**meant, **data}, units)
     for name in TABLES:
         if name in data and name != "units":
-            found[name], table_faults = _validate_table(name, filled[name], data[name], units, folder)
+            found[name], table_faults = _validate_table(name, filled[name], data[name], units, folder, periods)
             faults += table_faults
             if table_faults:
                 del found[name]
             elif name == "initial":
                 _set_particle_counts(filled, getattr(found[name], "counts", {}))
     faults += [_with_path_in_scene(fault, data) for fault in broken_rules(Draft({**meant, **data}, found))]
+    faults = [each for each in faults if not isinstance(each[1], SecondaryFault)] or faults
     others = {name: found.pop(name) for name in list(found) if name not in Scene.model_fields}
     return {"title": printable(title), "units": units, "others": others, **found}, faults
 
@@ -370,17 +390,21 @@ def _table_validator(name: str) -> TypeAdapter[Any]:
     return TypeAdapter(TABLES[name])
 
 
-def _validate_table(name: str, filled: Any, raw: Any, units: Units, folder: Path = Path()) -> tuple[Any, list[Problem]]:
+def _validate_table(
+    name: str, filled: Any, raw: Any, units: Units, folder: Path = Path(), periods: OrbitalPeriods | None = None
+) -> tuple[Any, list[Problem]]:
     """Validate the table `name`. Return the table, or None if it has faults, and its problems.
 
     filled: the table with defaults. raw: the table as the scene writes it. folder: directory for relative paths.
+    periods: orbital periods of the scene, for tables that have times.
     """
     if not isinstance(raw, dict) and not (isinstance(raw, list) and _may_repeat(name)):
         return None, [((name,), f"{shown(raw)} is not a table; expected the table [{name}]")]
     if raw == []:
         return None, [((name,), f"the list is empty; expected [{name}] or [[{name}]]")]
     try:
-        return _table_validator(name).validate_python(filled, context={"units": units, "folder": folder}), []
+        context = {"units": units, "folder": folder, "orbits": periods}
+        return _table_validator(name).validate_python(filled, context=context), []
     except ValidationError as error:
         details = drop_secondary_errors(error.errors(include_url=False))
         return None, [

@@ -34,6 +34,10 @@ class SceneError(UserError):
         return SceneError, (self.problems,)
 
 
+class SecondaryFault(str):
+    """Message of a fault that is reported only if the scene has no other fault, because another fault causes it."""
+
+
 class Origins:
     """The source of every key of a scene, for messages: "scene.toml:12", a command-line option, or "scene" for a dict.
 
@@ -153,6 +157,8 @@ def _problem_at(
     kind, context = detail["type"], detail.get("ctx", {})
     if kind == "fault":
         return path, detail["msg"]
+    if kind == "secondary_fault":
+        return path, SecondaryFault(detail["msg"])
     if kind == "missing":
         measure = fields.measure_of(field) if field else None
         words = f"; expected {units.expected(measure.name)}" if measure and measure.name else ""

@@ -77,17 +77,28 @@ def with_article(name: str) -> str:
     return f"an {words}" if words[0] in "aeiou" else f"a {words}"
 
 
+def split_number(text: str, expected: str) -> tuple[float, str]:
+    """Return the number at the start of a text, and the rest without spaces at its ends, like (0.6, "au").
+
+    expected: description of the expected value, for messages. Raises UnitError if the text has no number.
+    """
+    match = _NUMBER.fullmatch(text)
+    try:
+        if match:
+            return float(match[1]), match[2].strip()
+    except ValueError:  # underscores in wrong places, as in "1__0"
+        pass
+    raise UnitError(f'"{clipped(text)}" is not a quantity; expected {expected}')
+
+
 def parse_quantity(text: str, expected: str = 'a number and a unit, like "10 au"') -> Any:
     """Convert a text such as "0.6 au" to an astropy Quantity.
 
     expected: description of the expected value, for messages. Raises UnitError if the text has no number, no unit or
     an unknown unit, or if the number is not finite.
     """
-    match = _NUMBER.fullmatch(text)
+    number, name = split_number(text, expected)
     text = clipped(text)
-    if not match:
-        raise UnitError(f'"{text}" is not a quantity; expected {expected}')
-    number, name = float(match[1]), match[2].strip()
     if not name:
         raise UnitError(f'"{text}" has no unit; expected {expected}')
     if len(name) > MAX_ECHO:
