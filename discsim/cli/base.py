@@ -100,7 +100,9 @@ SetOption = Annotated[
 WithoutOption = Annotated[
     list[str] | None, typer.Option(metavar="TABLE", help="Table of an effect to remove from the scene.")
 ]
-UntilOption = Annotated[str | None, typer.Option(metavar="T", help='End time in place of run.until, like "100 yr".')]
+UntilOption = Annotated[
+    str | None, typer.Option(metavar="T", help='End time in place of run.until, like "100 yr" or "40 orbits".')
+]
 QuietOption = Annotated[bool, typer.Option("--quiet", help="Do not show progress.")]
 VaryOption = Annotated[
     list[str] | None,

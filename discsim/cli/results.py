@@ -73,7 +73,8 @@ def plot(
     at: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="T", help='Time of the snapshot, like "700 yr"; the nearest snapshot is drawn [the last].'
+            metavar="T",
+            help='Time of the snapshot, like "700 yr" or "40 orbits"; the nearest snapshot is drawn [the last].',
         ),
     ] = None,
     compare: Annotated[

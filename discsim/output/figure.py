@@ -53,7 +53,7 @@ def last_state_figure(snapshot_path: str | os.PathLike[str], out_png: str | os.P
     """Draw the snapshot in the file `snapshot_path` to the PNG file `out_png`. Raises SnapshotError, OSError."""
     snap = read_snapshot(snapshot_path).about_centre()
     figure = _figure_1d(snap) if snap.dimensions == 1 else _figure_2d(snap)
-    time = f"t = {snap.units.show_time(snap.time)}"
+    time = f"t = {snap.time_text}"
     figure.suptitle(f"{figure_text(snap.title)}\n{time}" if snap.title else time)
     FigureCanvasAgg(figure)
     low_compression = {"compress_level": 1}  # full compression takes as long as drawing

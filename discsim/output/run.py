@@ -177,7 +177,7 @@ class Run(Summarised):
         Parameters
         ----------
         time : str, Quantity or float
-            Time like "500 yr"; a number is in code units.
+            Time like "500 yr" or "40 orbits at 5.2 au"; a number is in code units.
 
         Returns
         -------
@@ -265,7 +265,7 @@ class Run(Summarised):
     def summary(self) -> tuple[str, Rows]:
         """Return the title of the scene, and rows of names and values for display."""
         files = self.files
-        ends = [self.units.show_time(time) for time in self._times_of([*files[:1], *files[-1:]])]
+        ends = [self.scene.show_time(time) for time in self._times_of([*files[:1], *files[-1:]])]
         rows = [("directory", self.directory), ("snapshots", f"{len(files)}, t = {' to '.join(ends)}" if ends else "0")]
         return self.scene.title or "A run", [*rows, *self.scene.facts]
 
@@ -277,7 +277,7 @@ class Run(Summarised):
 
     def _nearest(self, time: Any) -> Path:
         """Return the path of the snapshot nearest to a time. Raises PlotError."""
-        files, wanted = self.files, time_in_code(time, self.units, "at")
+        files, wanted = self.files, time_in_code(time, self.units, self.scene.text, "at")
         if not files:
             raise PlotError(f"{printable(self.directory)}: no snapshots in this slice of the run")
         return files[int(np.abs(np.array(self._times_of(files)) - wanted).argmin())]

@@ -23,9 +23,18 @@ from discsim.numerics.entries import EntryError, check_finite, check_ranges
 from discsim.output import hdf5, open_step
 from discsim.output.bins import square_pixels
 from discsim.output.layout import GROUPS, PLAIN_UNITS
-from discsim.output.snapshot_entries import is_requested, read_columns, table_count, tables_of, time_of, units_of
+from discsim.output.snapshot_entries import (
+    is_requested,
+    read_columns,
+    scene_text_of,
+    table_count,
+    tables_of,
+    time_of,
+    units_of,
+)
 from discsim.parts import Lazy
 from discsim.printable import UserError, printable
+from discsim.scene.orbits import show_time
 from discsim.scene.summary import Rows, Summarised
 from discsim.scene.units import Units
 
@@ -254,6 +263,11 @@ class Snapshot(Summarised):
         return printable(self.tables.get("title", ""))
 
     @property
+    def time_text(self) -> str:
+        """The time as text, with the number of orbits if the scene counts orbits: "474.3 yr (40 orbits at 5.2 au)"."""
+        return show_time(self.time, self.units, self.scene_text)
+
+    @property
     def species(self) -> dict[str, SnapshotParticles]:
         """Particles by the name of their species, "gas" or "dust", for the species that the run has."""
         both = {"gas": self.gas, "dust": self.dust}
@@ -262,7 +276,7 @@ class Snapshot(Summarised):
     def summary(self) -> tuple[str, Rows]:
         """Return the title of the scene, and rows of names and values for display."""
         held = [(name, f"{p.count:,} particles: {', '.join(p.arrays())}") for name, p in self.species.items()]
-        rows = [("time", self.units.show_time(self.time)), ("dimensions", self.dimensions), *held]
+        rows = [("time", self.time_text), ("dimensions", self.dimensions), *held]
         return self.title or "A snapshot", rows
 
     def about_centre(self) -> Snapshot:
@@ -527,7 +541,7 @@ def read_snapshot(path: str | os.PathLike[str], columns: Collection[str] | None 
             sides = " x ".join(f"{side:g}" for side in size)
             wrong = f"the kernel support is {support:g}, and the box has the sides {sides}"
             raise EntryError(f"{wrong}; expected positive numbers")
-        text = hdf5.decode_text(own.dataset("Scene", "u", ()).read().tobytes(), "/discsim/Scene")
+        text = scene_text_of(file)
         tables = tables_of(text, units)
         populations = table_count(tables, "dust")
         there = [kind for kind, (group, _) in GROUPS.items() if group in file]

@@ -28,6 +28,12 @@ def time_of(file: hdf5.CheckedGroup) -> float:
     return float(file.group("Header").numbers("Time", (1,))[0])
 
 
+def scene_text_of(file: hdf5.CheckedGroup) -> str:
+    """Return the scene in an open snapshot as TOML, unchecked."""
+    content = file.group("discsim").dataset("Scene", "u", ()).read().tobytes()
+    return hdf5.decode_text(content, "/discsim/Scene")
+
+
 def units_of(file: hdf5.CheckedGroup) -> Units:
     """Return the code units of an open snapshot."""
     own = file.group("discsim")

@@ -14,7 +14,8 @@ from discsim.output import hdf5
 from discsim.output.fields.base import PlotError
 from discsim.output.fields.names import needed_columns
 from discsim.output.snapshot import Snapshot, SnapshotError, read_snapshot, snapshot_files
-from discsim.output.snapshot_entries import time_of, units_of
+from discsim.output.snapshot_entries import scene_text_of, tables_of, time_of, units_of
+from discsim.scene.orbits import mentions_orbits, time_of_text
 from discsim.scene.units import UnitError, Units, clipped
 
 Source = Snapshot | str | Path
@@ -58,22 +59,31 @@ def select_snapshots(sources: Iterable[Path], at: Sequence[str] = ()) -> list[Na
 
 
 def nearest_snapshot(files: Sequence[Path], text: str) -> Path:
-    """Return the snapshot whose time is nearest to `text`: "700 yr", or a number in code units like "3.5".
+    """Return the snapshot whose time is nearest to `text`: "700 yr", "40 orbits at 5.2 au", or "3.5" in code units.
 
-    Raises PlotError if `text` is no time.
+    Raises PlotError if `text` is no time, SnapshotError.
     """
     times, units = times_and_units(files)
-    return files[int(np.abs(np.array(times) - time_in_code(text, units, "--at")).argmin())]
+    scene_text = read_scene_text(files[0]) if mentions_orbits(text) else ""
+    return files[int(np.abs(np.array(times) - time_in_code(text, units, scene_text, "--at")).argmin())]
 
 
-def time_in_code(given: Any, units: Units, name: str) -> float:
-    """Return a time, a text like "700 yr", a Quantity or a number, in code units. Raises PlotError.
+def read_scene_text(path: Path) -> str:
+    """Return the scene in a snapshot as TOML, with its entries checked. Raises SnapshotError."""
+    with hdf5.open_file_of_kind(path, SnapshotError, "snapshot") as file:
+        text = scene_text_of(file)
+        tables_of(text, units_of(file))
+    return text
 
-    `name` is the argument in messages.
+
+def time_in_code(given: Any, units: Units, scene_text: str, name: str) -> float:
+    """Return a time, a text like "700 yr" or "40 orbits", a Quantity or a number, in code units. Raises PlotError.
+
+    `scene_text` is the scene of the run as TOML, `name` the argument in messages.
     """
     try:
         if isinstance(given, str):
-            return float(units.of_text(given, "time"))
+            return time_of_text(given, units, scene_text)
         value = float(units.in_code(given, "time") if hasattr(given, "unit") else given)
     except UnitError as error:
         raise PlotError(f"{name}: {error}") from None

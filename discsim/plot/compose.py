@@ -273,7 +273,9 @@ def titles_of(snaps: Sequence[Snapshot], found: Sequence[NamedSnapshot]) -> tupl
     The figure's title has the title of the scene if all snapshots are of one run, and the time if it is the same in
     all. Otherwise the names of runs and the times are in the titles of the columns.
     """
-    times = [snap.units.show_time(snap.time) for snap in snaps]
+    times, plain = [snap.time_text for snap in snaps], [snap.units.show_time(snap.time) for snap in snaps]
+    if len(set(times)) > len(set(plain)) == 1:  # one time, which the scenes count in different orbits
+        times = plain
     runs = [figure_text(each.name) for each in found]
     title = figure_text(snaps[0].title) if len(set(runs)) == 1 else ""
     same_time = len(set(times)) == 1

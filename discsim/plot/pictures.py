@@ -17,6 +17,7 @@ from discsim.output.fields.names import field_named
 from discsim.output.fields.values import fields_on_pixels, fields_on_polar_pixels, inner_radius
 from discsim.output.run import profiles_in_time
 from discsim.output.sources import read_for_fields, times_and_units
+from discsim.scene.orbits import stated_orbit
 
 if TYPE_CHECKING:
     from discsim.output.snapshot import Snapshot
@@ -59,13 +60,18 @@ PICTURE_MAKERS: dict[str, Callable[[Snapshot, Sequence[str], DisplayOptions], Pi
 }
 
 
-def time_pictures(files: Sequence[Path], names: Sequence[str], display: DisplayOptions) -> Pictures:
+def time_pictures(
+    files: Sequence[Path], names: Sequence[str], display: DisplayOptions, in_orbits: bool = True
+) -> Pictures:
     """Return pictures of the fields `names` in radius (in 1D position) and time, from the snapshots `files` of a run.
 
-    By default the range of radii is that of the disc in the first snapshot.
+    By default the range of radii is that of the disc in the first snapshot. With `in_orbits`, the unit of time is the
+    orbit of run.until or run.every, if the scene gives one of them in orbits.
     """
     first, (edges, values) = read_for_fields(files[0], names), profiles_in_time(files, names, display)
     (length, unit), (year, time_unit) = axis_unit(first, "length"), axis_unit(first, "time")
+    if in_orbits and (orbit := stated_orbit(first.scene_text, first.units)):
+        year, time_unit = 1.0 / orbit.period, f" [{orbit.unit}]"
     between = year * time_edges(np.array(times_and_units(files)[0]))
     labels = f"{'r' if first.dimensions == 2 else 'x'}{unit}", f"t{time_unit}"
     return {

@@ -16,6 +16,7 @@ from discsim.output.snapshot import snapshot_files
 from discsim.output.sources import read_for_fields, run_directory, run_name, select_snapshots, times_and_units
 from discsim.plot import compose, pictures
 from discsim.plot.compose import PanelFigure
+from discsim.scene.orbits import stated_orbit
 from discsim.version import __version__
 
 if TYPE_CHECKING:
@@ -102,7 +103,9 @@ class Request:
             )
         names, snaps = self._read_snapshots([files[0] for files, _ in runs])
         fields, display = compose.unique_names(names), self.display.common_to(snaps, "time")
-        made = [pictures.time_pictures(files, fields, display) for files, _ in runs]
+        orbits = [stated_orbit(snap.scene_text, snap.units) for snap in snaps]
+        in_orbits = len({orbit and orbit.words for orbit in orbits}) == 1  # else years, which all runs have
+        made = [pictures.time_pictures(files, fields, display, in_orbits) for files, _ in runs]
         titles = [figure_text(name) for _, name in runs] if len(runs) > 1 else [""]
         head = figure_text(snaps[0].title) if len(runs) == 1 else ""
         rows = compose.picture_panels(made, titles, display, compare=self.compare)

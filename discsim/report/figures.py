@@ -18,6 +18,7 @@ from discsim.output.figure import last_state_figure
 from discsim.output.snapshot import read_snapshot
 from discsim.report.conservation import ConservedQuantity
 from discsim.scene import Scene
+from discsim.scene.orbits import stated_orbit
 
 MIN_CHANGE = 1e-17  # smaller relative changes are drawn at this value, which is below floating-point precision
 
@@ -38,7 +39,7 @@ def snapshot_figure(path: Path) -> Picture:
         data = io.BytesIO()
         Image.open(file).save(data, format="png")  # full compression
     snap = read_snapshot(path)
-    when = snap.units.show_time(snap.time)
+    when = snap.time_text
     kinds = " and ".join(snap.species)
     return Picture(_base64_text(data.getvalue()), f"{kinds} at t = {when}", f"Snapshot {path.stem}, t = {when}.")
 
@@ -53,12 +54,15 @@ def history_figures(scene: Scene, rows: list[dict[str, str]], found: list[Conser
     if scene.units.system != "code":
         year = float(scene.units.quantity(1.0, "time").to_value("yr"))
         time, dt, unit = year * time, year * dt, " [yr]"
-    changes, first = _new_axes(f"t{unit}", "relative change")
+    of_time = unit
+    if orbit := stated_orbit(scene.text, scene.units):
+        time, of_time = np.array([float(row["time"]) for row in rows]) / orbit.period, f" [{orbit.unit}]"
+    changes, first = _new_axes(f"t{of_time}", "relative change")
     for each in found:
         first.plot(time, np.maximum(np.abs(each.change), MIN_CHANGE), label=each.name)
     first.set(yscale="log", ylim=(0.5 * MIN_CHANGE, None))
     first.legend(frameon=False, fontsize=8)
-    steps, second = _new_axes(f"t{unit}", f"step{unit}")
+    steps, second = _new_axes(f"t{of_time}", f"step{unit}")
     after_step = dt > 0.0
     second.plot(time[after_step], dt[after_step], ".-", ms=3, lw=0.8, color="tab:gray")
     second.set(ylim=(0.0, None))

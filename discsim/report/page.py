@@ -84,7 +84,7 @@ def _printable_text(value: object) -> object:
 
 def _fact_rows(scene: Scene, rows: list[dict[str, str]]) -> Iterator[tuple[str, str]]:
     """Yield names and values for the table at the top of the page; `rows` are the rows of history.csv by column."""
-    show, last = scene.units.show_time, float(rows[-1]["time"])
+    show, last = scene.show_time, float(rows[-1]["time"])
     ended = (
         "finished" if last >= (1.0 - 1e-9) * scene.run.until else f"stopped before its end at {show(scene.run.until)}"
     )

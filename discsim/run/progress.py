@@ -14,6 +14,7 @@ from discsim.numerics import world
 from discsim.output.files import refuse_special
 from discsim.printable import printable
 from discsim.run.screen import Screen
+from discsim.scene.orbits import shown_orbit
 from discsim.scene.units import clock
 
 if TYPE_CHECKING:
@@ -145,7 +146,7 @@ class Progress:
         show, until = self.scene.units.show_time, self.scene.run.until
         facts = {
             "step": f"step {state.step}",
-            "time": f"t = {show(state.time)} of {show(until)}",
+            "time": f"t = {show(state.time)} of {show(until)}{self._orbit_count(state.time)}",
             "dt": f"dt = {show(dt)}, set by {set_by}" if dt > 0.0 else "",
         }
         if self._speed_start is not None:
@@ -158,6 +159,11 @@ class Progress:
         if world.processes.is_parallel:
             facts["load"] = f"busiest rank {world.processes.balance:.2f} times the mean load"
         return facts
+
+    def _orbit_count(self, t: float) -> str:
+        """Return the time `t` in orbits, like " (10 of 40 orbits at 5.2 au)"; "" if the scene does not count orbits."""
+        orbit = shown_orbit(self.scene.text, self.scene.units)
+        return f" ({t / orbit.period:.4g} of {orbit.count(self.scene.run.until)})" if orbit else ""
 
     def _frame(self, state: State, dt: float, set_by: str) -> None:
         """Draw the frame of the live display about the present step."""

@@ -184,7 +184,7 @@ class Run:
         self.lock.close()
 
     def _time_text(self, t: float) -> str:
-        return self.scene.units.show_time(t)
+        return self.scene.show_time(t)
 
     # Starting
 

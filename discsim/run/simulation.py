@@ -47,6 +47,7 @@ from discsim.run.timestep import next_step
 from discsim.run.watch import Watch
 from discsim.scene import Scene, SceneError, load_scene
 from discsim.scene.differences import refuse_changed_scene
+from discsim.scene.orbits import time_of_text
 from discsim.scene.summary import Rows, Summarised
 from discsim.scene.units import Units
 
@@ -210,11 +211,12 @@ class Simulation(Summarised):
 
         Parameters
         ----------
-        until : float or Quantity, optional
-            Time of the end; a number is in code units. The default is `run.until` of the scene.
+        until : str, float or Quantity, optional
+            Time of the end, like "500 yr" or "40 orbits at 5.2 au"; a number is in code units. The default is
+            `run.until` of the scene.
         progress : bool, optional
             Whether to show the progress, as the command does.
-        every : float or Quantity, optional
+        every : str, float or Quantity, optional
             Time between calls of `callback`. Steps end exactly at multiples of `every`.
         callback : callable, optional
             `callback(sim)` is called after each step or, with `every`, at multiples of `every` and at the end. It
@@ -251,11 +253,13 @@ class Simulation(Summarised):
             self.operators.close()
 
     def _time_in_code_units(self, time: Any) -> float:
+        if isinstance(time, str):
+            return time_of_text(time, self.units, self.scene.text)
         return float(self.units.in_code(time, "time") if hasattr(time, "unit") else time)
 
     def summary(self) -> tuple[str, Rows]:
         """Return the title of the scene, and rows (name, value): the time, the step and facts of the scene."""
-        now = self.units.show_time(self.time)
+        now = self.scene.show_time(self.time)
         return self.scene.title or "A simulation", [("time", now), ("step", self.state.step), *self.scene.facts]
 
     def evolve(self, until: float, after_step: Callable[[], bool] | None = None, read_only: bool = False) -> bool:

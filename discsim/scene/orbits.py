@@ -18,8 +18,9 @@ import re
 import tomllib
 from collections.abc import Callable, Mapping
 from contextlib import suppress
+from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -27,7 +28,7 @@ from discsim.formulas import centre
 from discsim.scene.units import UnitError, Units, clipped, split_number
 
 OF_COMPANION = "of the companion"
-_WORD = re.compile(r"\borbits?\b")
+_WORD = re.compile(r"(?<![^\W\d_])orbits?\b")  # not after a letter, but after a number, as in "40orbits"
 _UNIT = re.compile(rf"orbits?(?:\s+(?:{OF_COMPANION}|at\s+(\S.*)))?", re.S)
 
 
@@ -35,11 +36,17 @@ class FaultyTableError(UnitError):
     """Error for a number of orbits that is correct itself, in a scene whose star or companion has faults."""
 
 
-class Orbit(NamedTuple):
+@dataclass(frozen=True)
+class Orbit:
     """A unit of time: the period in code units, and the words that follow "orbits", like "at 5.2 au"."""
 
     period: float
     words: str
+
+    @property
+    def unit(self) -> str:
+        """The unit for labels of axes, like "orbits at 5.2 au"."""
+        return f"orbits {self.words}"
 
     def count(self, t: float) -> str:
         """Return the time `t`, in code units, as text: "40 orbits at 5.2 au"."""
@@ -135,7 +142,7 @@ class OrbitalPeriods:
     def _bound_companions(self) -> dict[str, Mapping[str, Any]]:
         """Return the tables of companions on bound orbits, by names like "companion.0". Raises FaultyTableError."""
         given = self._tables.get("companion", [])
-        found = {}
+        found: dict[str, Mapping[str, Any]] = {}
         for number, each in enumerate(given if isinstance(given, list) else [given]):
             name = f"companion.{number}" if isinstance(given, list) else "companion"
             if not isinstance(each, dict):

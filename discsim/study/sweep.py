@@ -146,7 +146,7 @@ class Sweep:
         scene = self.scenes[number]
         found = read_results(self.folders[number], scene, self.wanted[number])
         if found.time < (1.0 - TIME_TOLERANCE) * scene.run.until:
-            return {"stopped": f"stopped at t = {scene.units.show_time(found.time)}"}
+            return {"stopped": f"stopped at t = {scene.show_time(found.time)}"}
         return found.values
 
     def _result_text(self, point: Point) -> str:
