@@ -5,7 +5,8 @@
 
 DIR is the directory of a run with one companion and [alpha_viscosity]. The script prints the quantities below, and
 writes two files into OUT or the present directory. NAME-gap.png shows Sigma over that of the first snapshot, for the
-gas and each dust population, and the pressure; NAME-gap.csv has these profiles in code units.
+gas and each dust population, and the pressure; NAME-gap.csv has these profiles in code units, in columns like
+dust.0 or dust.NAME of a population.
 
 Sigma_0 is the surface density in the first snapshot. With --over DIR it is that of another run at the same time: of
 the same disc without a companion, which spreads at its edges as the disc in DIR does.
@@ -16,6 +17,8 @@ the same disc without a companion, which spreads at its edges as the disc in DIR
     mass left fraction of the mass that remains within a scale height or two Hill radii of the orbit. For q from 1e-4
               to 5e-3 also the result of grid codes (Fung, Shi & Chiang 2014, ApJ 782, 88), where it is below one half:
               0.14 (q / 0.001)^-2.16 (alpha / 0.01)^1.41 (H/r / 0.05)^6.61
+    edges     radii at which Sigma = Sigma_0 / 2, inside and outside the orbit; their distance over a, and the formula
+              0.41 q^(1/2) (H/r)^(-3/4) alpha^(-1/4) (Kanagawa et al. 2016, PASJ 68, 43)
     radii     outside the orbit: of the largest surface density of each dust population, and of the largest pressure
     history   depth in the gas for each span of ORBITS, which shows whether it is steady
 """
@@ -30,11 +33,12 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from scipy.ndimage import gaussian_filter1d
 
 from discsim import load_scene
+from discsim.formulas.companions import gap_width, hill_radius
 from discsim.output.companions import read_companions
 from discsim.output.drawing import figure_text
+from discsim.output.gaps import HILLS, START_WIDTH, gap_edges, ring_density, ring_edges, smoothed, within_disc
 from discsim.output.populations import populations_of
 from discsim.output.results import display_unit, positive_number, print_fault, print_table, script_parser, write_table
 from discsim.output.snapshot import Snapshot, read_snapshot, snapshot_files
@@ -45,11 +49,7 @@ from discsim.physics.viscosity import diffusivity
 from discsim.plot.request import save
 from discsim.printable import UserError
 
-RINGS = 160  # of a profile, between half and twice the orbit
-STRIPES = 6.0  # rings over which the profile of the start is smoothed, which shows those of its particles
-HILLS = 2.0  # Hill radii about the companion that a gap's depth leaves out
 SHALLOW = 0.5  # share of the mass inside, above which a gap is no power law of q, alpha and H/r
-EDGE = 0.02  # of the largest Sigma of the start, below which a ring is beyond the disc's edge
 
 
 class InputError(UserError):
@@ -74,22 +74,6 @@ def companion_at(directory: Path, times: list[float]) -> tuple[np.ndarray, float
     return places, float(rows["mass"][-1]), float(rows["semi_major_axis"][-1])
 
 
-def profile(particles: Any, edges: np.ndarray, place: np.ndarray, hill: float) -> np.ndarray:
-    """Surface density (rings,) of the angles that are not within HILLS Hill radii of the companion."""
-    angle = np.arctan2(particles.pos[:, 1], particles.pos[:, 0]) - np.arctan2(place[1], place[0])
-    angle = np.abs((angle + np.pi) % (2 * np.pi) - np.pi)
-    middle = 0.5 * (edges[1:] + edges[:-1])
-    a = np.hypot(*place)
-    # Half the angle of each ring that is left out: where the ring cuts the circle about the companion.
-    cosine = (middle**2 + a**2 - (HILLS * hill) ** 2) / (2 * middle * a)
-    out = np.arccos(np.clip(cosine, -1.0, 1.0))
-    ring = np.clip(np.searchsorted(edges, particles.radius) - 1, 0, len(middle) - 1)
-    kept = (angle > out[ring]) & (particles.radius > edges[0]) & (particles.radius < edges[-1])
-    mass = np.bincount(ring[kept], particles.mass[kept], len(middle))
-    with np.errstate(invalid="ignore"):  # NaN in a ring that lies within HILLS Hill radii at all angles
-        return mass / ((np.pi - out) * np.diff(np.square(edges)))
-
-
 class Gap:
     """Profiles of a run, means over its last orbits, in units of the first snapshot's."""
 
@@ -102,16 +86,16 @@ class Gap:
         _, self.mass, self.axis = companion_at(directory, [last.time])
         self.ratio = self.mass / self.scene.star.mass
         period = 2 * np.pi * np.sqrt(self.axis**3 / (self.scene.star.mass + self.mass))
-        self.hill = self.axis * (self.ratio / 3) ** (1 / 3)
-        self.edges = np.geomspace(0.5 * self.axis, 2.0 * self.axis, RINGS + 1)
+        self.hill = hill_radius(self.axis, self.ratio)
+        self.edges = ring_edges(self.axis)
         self.radius = np.sqrt(self.edges[1:] * self.edges[:-1])
         wide = max(self.aspect_ratio * self.axis, HILLS * self.hill)
         self.near = np.abs(self.radius - self.axis) < wide  # rings of the gap
         self.kinds = self._kinds(last)
         self.orbits = np.array(times) / period
         self.each = self._profiles(directory, files, self.orbits * period)
-        start = gaussian(self.each["gas"][0], STRIPES)
-        if not (start[self.near] > EDGE * start.max()).all():
+        start = within_disc(smoothed(self.each["gas"][0], START_WIDTH))
+        if np.isnan(start[self.near]).any():
             raise InputError(
                 f"{directory}: no gas at the orbit of the companion at the start; expected a gap in a disc"
             )
@@ -141,7 +125,7 @@ class Gap:
             snap = read(file)
             for name, population in self.kinds:
                 particles = snap.gas if population is None else only(snap.dust, population)
-                found[name].append(profile(particles, self.edges, place, self.hill))
+                found[name].append(ring_density(particles, self.edges, place, self.hill))
         return {name: np.array(own) for name, own in found.items()}
 
     def _alone(self, directory: Path, period: float) -> tuple[np.ndarray, dict[str, np.ndarray]]:
@@ -153,7 +137,7 @@ class Gap:
         for name, population in self.kinds:
             if name == "gas" or snaps[0].dust is not None:
                 species = [snap.gas if population is None else only(snap.dust, population) for snap in snaps]
-                found[name] = np.array([profile(p, self.edges, np.array([self.axis, 0.0]), 0.0) for p in species])
+                found[name] = np.array([ring_density(p, self.edges, np.array([self.axis, 0.0]), 0.0) for p in species])
         return np.array([snap.time / period for snap in snaps]), found
 
     @staticmethod
@@ -164,15 +148,15 @@ class Gap:
     def unperturbed(self, name: str, first: float, last: float) -> np.ndarray:
         """Return Sigma_0 (rings,): of the start, or the mean of the other run between two orbits (at least its end)."""
         if self.over is None or name not in self.over[1]:
-            return gaussian(self.each[name][0], STRIPES)
+            return smoothed(self.each[name][0], START_WIDTH)
         orbits, each = self.over
         chosen = self._between(orbits, first, last)
-        return gaussian(each[name][chosen if chosen.any() else [-1]].mean(axis=0), STRIPES)
+        return smoothed(each[name][chosen if chosen.any() else [-1]].mean(axis=0), START_WIDTH)
 
     def mean(self, name: str, first: float, last: float = np.inf) -> np.ndarray:
         """Return the mean profile (rings,) of the snapshots after the orbit `first`, up to `last`."""
         chosen = self._between(self.orbits, first, last)
-        return gaussian(self.each[name][chosen].mean(axis=0))
+        return smoothed(self.each[name][chosen].mean(axis=0))
 
     def history(self) -> list[tuple[float, float]]:
         """Return the end in orbits and the depth of the gas for each whole span before the last orbit."""
@@ -182,8 +166,8 @@ class Gap:
 
     @staticmethod
     def _kinds(snap: Snapshot) -> list[tuple[str, int | None]]:
-        """Return name and population of the gas (None) and of each dust population."""
-        dust = [] if snap.dust is None else [(f"dust {k + 1}", k) for k in range(snap.dust.species.max() + 1)]
+        """Return name and population of the gas (None) and of each dust population, like dust.0 in fields."""
+        dust = [] if snap.dust is None else [(f"dust.{p.name}", p.number) for p in populations_of(snap.tables)]
         return [("gas", None), *dust]
 
     @property
@@ -201,6 +185,11 @@ class Gap:
         return 1.0 / (1.0 + 0.04 * self.ratio**2 * self.aspect_ratio**-5 / self.alpha)
 
     @property
+    def gap(self) -> tuple[float, float]:
+        """Radii of the edges of the gap in the gas, in the last span; NaN if it is shallower than one half."""
+        return gap_edges(self.radius, self.left("gas"), self.axis, HILLS * self.hill)
+
+    @property
     def inside_of_grids(self) -> float:
         """The fit of Fung, Shi & Chiang (2014) to `inside`; NaN outside its range."""
         q, alpha, aspect = self.ratio / 1e-3, self.alpha / 0.01, self.aspect_ratio / 0.05
@@ -214,7 +203,7 @@ class Gap:
         """
         first = self.orbits[-1] - self.span if first is None else first
         over = self.unperturbed(name, first, last)
-        return self.mean(name, first, last) / np.where(over > EDGE * over.max(), over, np.nan)
+        return self.mean(name, first, last) / within_disc(over)
 
     def depth(self, name: str, first: float | None = None, last: float = np.inf) -> float:
         """Return the smallest `left` within a scale height or two Hill radii of the orbit."""
@@ -241,11 +230,6 @@ class Gap:
         return float(self.radius[k[values[k].argmax()]]) if len(k) else float("nan")
 
 
-def gaussian(values: np.ndarray, rings: float = 2.0) -> np.ndarray:
-    """Smooth a profile by a Gaussian of so many rings: particles of a quiet start lie on rings, which would show."""
-    return gaussian_filter1d(values, rings, mode="nearest")
-
-
 def only(dust: Any, population: int) -> Any:
     """Return the particles of one population."""
     kept = dust.species == population
@@ -253,9 +237,9 @@ def only(dust: Any, population: int) -> Any:
 
 
 def labels(gap: Gap) -> list[str]:
-    """Return the names of the gas and of the dust populations, with grain sizes if the scene has them."""
-    texts = [f" ({each.text})" if each.text != str(each.number) else "" for each in populations_of(gap.first.tables)]
-    return ["gas", *(name + text for name, text in zip(list(gap.profiles)[1:], texts, strict=False))]
+    """Return the texts for the gas and for the dust populations, as in the legends of `discsim plot`."""
+    texts = {f"dust.{each.name}": each.legend for each in populations_of(gap.first.tables)}
+    return [texts.get(name, name) for name in gap.profiles]
 
 
 def draw(gap: Gap) -> Figure:
@@ -298,6 +282,13 @@ def show(gap: Gap, name: str) -> None:
     ]
     if not np.isnan(gap.inside_of_grids):
         rows += [["mass left in grid codes, Fung et al. (2014)", "", gap.inside_of_grids, *none]]
+    inner, outer = gap.gap
+    rows += [
+        ["inner edge of the gap, Sigma = Sigma_0 / 2", unit, factor * inner, *none],
+        ["outer edge of the gap, Sigma = Sigma_0 / 2", unit, factor * outer, *none],
+        ["width of the gap over a", "", (outer - inner) / gap.axis, *none],
+        ["formula of Kanagawa et al. (2016)", "", gap_width(gap.ratio, gap.aspect_ratio, gap.alpha), *none],
+    ]
     peaks = [factor * gap.summit(gap.profiles[kind]) for kind in kinds[1:]]
     rows += [["radius of the largest Sigma outside the orbit", unit, None, *peaks]] if peaks else []
     rows += [["radius of the largest pressure outside the orbit", unit, factor * gap.summit(gap.pressure), *none]]

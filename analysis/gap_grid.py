@@ -29,10 +29,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from gap import EDGE, HILLS
 
 from discsim import SceneError, load_scene
 from discsim.initial import balance
+from discsim.output.gaps import HILLS, OUTSIDE, excluded_angles
 from discsim.physics import companions, profile, viscosity
 from discsim.physics.centre import kepler_omega
 from discsim.shipped import ShippedError, scene_file
@@ -65,7 +65,7 @@ class Grid:
         self.scene, self.planet = scene, scene.table("companion")[0]
         self.rate = (self.planet.accretion_rate or 0.0) if accretes else 0.0
         r = np.linspace(disc.inner, disc.outer, 4001)
-        dense = r[disc.surface_density(r) > EDGE * disc.surface_density(r).max()]
+        dense = r[disc.surface_density(r) > OUTSIDE * disc.surface_density(r).max()]
         self.side = np.geomspace(dense[0], dense[-1], rings + 1)
         count = round(2.0 * np.pi / np.log(self.side[1] / self.side[0]))
         self.step_angle = 2.0 * np.pi / count
@@ -238,8 +238,7 @@ class Means:
         a = grid.planet.semi_major_axis
         self.inner = grid.r < a
         self.near = np.abs(grid.r - a) < max(float(companions.scale_height(grid.scene, a)), HILLS * grid.hill)
-        cosine = (grid.r**2 + a * a - (HILLS * grid.hill) ** 2) / (2.0 * a * grid.r)
-        self.out = np.arccos(np.clip(cosine, -1.0, 1.0))[:, None]
+        self.out = excluded_angles(grid.r, a, grid.hill)[:, None]
         self.density, self.torque = np.zeros_like(grid.r), np.zeros_like(grid.r)
 
     def add(self, dt: float) -> None:

@@ -193,8 +193,8 @@ def test_planet_opens_a_gap_and_traps_dust(tmp_path):
     done = CliRunner().invoke(app, ["run", "setups/planet_dust.toml", "-o", str(run), "--quiet", *changes])
     assert done.exit_code == 0
     gap = script("gap").Gap(run, 5.0)
-    assert gap.summit(gap.profiles["dust 1"]) == pytest.approx(gap.summit(gap.pressure), rel=0.05)
+    assert gap.summit(gap.profiles["dust.0"]) == pytest.approx(gap.summit(gap.pressure), rel=0.05)
     assert gap.theory < gap.depth("gas") < 0.8  # still opening, in noise that keeps it shallow
-    assert gap.depth("dust 1") < 0.5 * gap.depth("gas")
+    assert gap.depth("dust.0") < 0.5 * gap.depth("gas")
     depths = [depth for _, depth in gap.history()]
     assert depths == sorted(depths, reverse=True)

@@ -17,7 +17,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from discsim.exact import kepler
-from discsim.formulas import centre as formulas
+from discsim.formulas import centre as centre_formulas
+from discsim.formulas import companions as formulas
 from discsim.parts import Lazy
 from discsim.physics import centre, profile
 from discsim.physics.centre import kepler_omega
@@ -32,7 +33,6 @@ orbits = Lazy("discsim.physics.orbits")
 viscosity = Lazy("discsim.physics.viscosity")
 ANGLES = 2048  # number of angles in the average (1): 12 within a softening of 0.02 a
 RADII = 4096  # number of radii at which (1) is tabulated for linear interpolation
-LARGEST_PLANET = 0.03  # ratio of companion mass to stellar mass above which a companion counts as a second star
 # Distance of the nearest particle beyond the accretion radius, in particle spacings of the disc: in streams to a
 # second star, for a planet outside the radii of the disc, and for a planet between them.
 SPACINGS_STREAM, SPACINGS_PASSING, SPACINGS_EMBEDDED = 2.0, 1.2, 0.5
@@ -70,13 +70,13 @@ def softening(scene: Scene, companion: Any, r: float, mass: float | None = None)
 
 def hill_radius(scene: Scene, companion: Any) -> float:
     """Return the Hill radius a (m / 3 M)^(1/3), within which the gravity of a companion dominates."""
-    return companion.semi_major_axis * (companion.mass / (3.0 * scene.star.mass)) ** (1.0 / 3.0)
+    return formulas.hill_radius(companion.semi_major_axis, companion.mass / scene.star.mass)
 
 
 def period(scene: Scene, companion: Any) -> float:
     """Return the period of a companion's orbit about the star."""
-    mass = formulas.orbital_mass(scene.star.mass, companion.mass, scene.star.indirect)
-    return formulas.period(mass, companion.semi_major_axis)
+    mass = centre_formulas.orbital_mass(scene.star.mass, companion.mass, scene.star.indirect)
+    return centre_formulas.period(mass, companion.semi_major_axis)
 
 
 def gap_number(scene: Scene, companion: Any) -> float:
@@ -159,7 +159,7 @@ def _nearest_distance(scene: Scene, companion: Any, outlook: ForecastState) -> f
 
 def is_second_star(scene: Scene, companion: Any) -> bool:
     """Return whether a companion is massive enough to count as a star. Hill radius and gap are defined for planets."""
-    return bool(companion.mass >= LARGEST_PLANET * scene.star.mass)
+    return bool(companion.mass >= formulas.LARGEST_PLANET * scene.star.mass)
 
 
 def particles_reach(scene: Scene, companion: Any, outlook: ForecastState) -> bool:

@@ -106,7 +106,7 @@ def test_a_gap_in_physical_units(planet, tmp_path):
     done = discsim("gap", planet, "-o", tmp_path / "out", "--last", "1.5")
     assert done.exit_code == 0, done.output
     table = lines_of(done.stdout)
-    assert table["quantity"] == ["unit", "gas", "dust 1 (3 mm)", "dust 2 (0.2 mm)"]
+    assert table["quantity"] == ["unit", "gas", "dust 3 mm", "dust 0.2 mm"]
     # 130 particles a ring: the minimum over 30 rings is below the mean by twice their scatter.
     assert float(table["smallest Sigma / Sigma_0 in the gap"][0]) == pytest.approx(0.3, abs=0.03)
     # q = 6e-4 / 1.6, the mass of the star in code units.
@@ -116,7 +116,17 @@ def test_a_gap_in_physical_units(planet, tmp_path):
     unit, pebbles, sand = table["radius of the largest Sigma outside the orbit"]
     assert unit == "au"  # rings of the profile are 0.9% of the radius apart
     assert (float(pebbles), float(sand)) == pytest.approx((6.6, 7.8), rel=0.01)
+    # A step at 1.2 au from the orbit, smoothed over two rings, is at one half 1% of the radius nearer to the orbit.
+    edges = [table[f"{side} edge of the gap, Sigma = Sigma_0 / 2"] for side in ("inner", "outer")]
+    assert [unit for unit, _ in edges] == ["au", "au"]
+    assert [float(value) for _, value in edges] == pytest.approx([4.0 * 1.01, 6.4 * 0.99], rel=0.01)
+    assert float(table["width of the gap over a"][0]) == pytest.approx((6.34 - 4.04) / 5.2, rel=0.02)
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"planet-gap.csv", "planet-gap.png"}
+    with (tmp_path / "out" / "planet-gap.csv").open(newline="") as file:
+        head = next(csv.reader(file))
+    # Populations are called as in fields, dust.0.surface_density.
+    over = ["gas over start", "dust.0 over start", "dust.1 over start"]
+    assert head == ["radius", "gas", "dust.0", "dust.1", *over, "pressure"]
 
 
 @pytest.mark.parametrize(
