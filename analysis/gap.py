@@ -131,7 +131,7 @@ class Gap:
     def _alone(self, directory: Path, period: float) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Return orbits (snapshots,) and surface densities (snapshots, rings) of a run without a companion."""
         snaps = [read(file) for file in snapshot_files(directory)]
-        if snaps[0].gas is None or vars(snaps[0].units) != vars(self.units):
+        if snaps[0].gas is None or snaps[0].units != self.units:
             raise InputError(f"--over {directory}: no gas, or other units; expected the same disc without a companion")
         found = {}
         for name, population in self.kinds:

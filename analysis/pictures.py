@@ -21,12 +21,15 @@ MAIN = ("gas.particles=6000", "dust.particles=10000", "space.cells=128", "run.un
 SKY = ("gas.particles=12000", "dust.particles=40000", "space.cells=256", "run.until=700 yr")
 SEEN = ("--distance", "140 pc", "--wavelength", "0.87 mm", "--wavelength", "3 mm", "--inclination", "50 deg")
 BEAM = ("--position-angle", "30 deg", "--beam", "0.1 arcsec,0.06 arcsec,60 deg", "--noise", "20 uJy/beam")
+GAP = ("gas.particles=8000", "dust.particles=4000", "companion.0.mass=3e-3", "companion.0.ramp=6.28", "run.until=94.2")
+MARKS = ("--profile", "--field", "surface_density", "--mark", "companions,damping,gap,initial")
 # Picture -> setup, changes of it, and the command that draws the run (none: the figure of the last state).
 PICTURES: dict[str, tuple[str, tuple[str, ...], tuple[str, ...]]] = {
     "first_disc": ("disc", (), ()),
     "dusty_disc": ("dusty_disc", (), ()),
     "plot_fields": ("dusty_disc", MAIN, ("plot", "--field", "toomre_q,dust_to_gas,dust.v_r")),
     "sky_image": ("dusty_disc", SKY, ("image", *SEEN, *BEAM)),
+    "marks": ("planet_dust", (*GAP, "run.snapshots=15"), ("plot", *MARKS)),
     "planet_dust": ("planet_dust", (), ()),
     "planet_gap": ("planet_gap", (), ()),
     "planet_torque": ("planet_torque", (), ()),

@@ -34,6 +34,14 @@ PopulationOption = Annotated[
     typer.Option(metavar="NAME", help="Dust population to draw, by dust.name or number; may be repeated [all dust]."),
 ]
 
+MarkOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME,...",
+        help="Marks: bodies, companions, damping, gap, hill, initial; or none [those that there are, except gap].",
+    ),
+]
+
 
 @app.command()
 def report(
@@ -88,6 +96,7 @@ def plot(
     distance: DistanceOption = None,
     wavelength: WavelengthOption = None,
     opacity: OpacityOption = None,
+    mark: MarkOption = None,
     output: Annotated[
         Path | None, typer.Option("-o", "--output", metavar="FILE", help="Figure: png, pdf or svg [DIR/plots/...png].")
     ] = None,
@@ -117,7 +126,7 @@ def plot(
             against,
             compare is not None,
             population or (),
-            display_options(window, limits, distance, wavelength, opacity, prefix="--"),
+            display_options(window, limits, distance, wavelength, opacity, mark=mark, prefix="--"),
         )
         path = output or default_path(request)
         save(request.figure, path)
@@ -136,6 +145,7 @@ def movie(
     distance: DistanceOption = None,
     wavelength: WavelengthOption = None,
     opacity: OpacityOption = None,
+    mark: MarkOption = None,
     output: Annotated[
         Path | None, typer.Option("-o", "--output", metavar="FILE", help="Film: mp4 or gif [DIR/plots/...].")
     ] = None,
@@ -145,7 +155,7 @@ def movie(
     from discsim.plot.film import Film, default_path
 
     with exit_on_fault("written", "the figure"):
-        display = display_options(window, limits, distance, wavelength, opacity, prefix="--")
+        display = display_options(window, limits, distance, wavelength, opacity, mark=mark, prefix="--")
         film = Film(
             source, field.split(",") if field else (), "polar" if polar else "map", rate, display, population or ()
         )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -122,7 +122,8 @@ class Picture:
 
     `x` and `y` are the first and last edge of the pixels along each axis, or all edges. `labels` are the labels of
     the axes, and `marks` the positions of star and companions. `scale` is the number of axis units per au (or per
-    code unit of length) for a map in x and y, and None if the axes have different units.
+    code unit of length) for a map in x and y, and None if the axes have different units. `overlays` are functions that
+    draw over the picture.
     """
 
     snap: Snapshot
@@ -133,6 +134,7 @@ class Picture:
     labels: tuple[str, str]
     marks: Sequence[Mark] = ()
     scale: float | None = None
+    overlays: Sequence[Callable[[Axes], None]] = ()
 
     @property
     def field(self) -> Field:
@@ -180,6 +182,8 @@ def draw_picture(
         shown = axes.pcolormesh(x, y, values, rasterized=True, **style)
     axes.set_facecolor("0.85")  # grey where the values are NaN
     axes.set(xlabel=picture.labels[0], ylabel=picture.labels[1])
+    for overlay in picture.overlays:
+        overlay(axes)
     for mark_x, mark_y, star in picture.marks:
         mark, size = ("*", 11) if star else ("o", 6)
         axes.plot(mark_x, mark_y, marker=mark, color="white", markeredgecolor="black", markersize=size)

@@ -6,7 +6,7 @@ The run may still be going on: lists of snapshots and tables are read again when
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -311,16 +311,22 @@ def open_run(directory: str | os.PathLike[str]) -> Run:
 
 
 def profiles_in_time(
-    files: Sequence[Path], names: Sequence[str], display: DisplayOptions
+    files: Sequence[Path],
+    names: Sequence[str],
+    display: DisplayOptions,
+    visit: Callable[[Snapshot], None] | None = None,
 ) -> tuple[Array, dict[str, Array]]:
     """Return the edges of rings (in 1D of bins in x), and the values [time, ring] of fields, in code units.
 
-    By default the range of radii is that of the disc in the first snapshot.
+    By default the range of radii is that of the disc in the first snapshot. `visit` is called with each snapshot.
     """
     first, rows = read_for_fields(files[0], names), []
     edges = np.empty(0)
     for path in files:
-        edges, binned = smooth_profile(read_for_fields(path, names), display.radii(first), display.optics)
+        snap = read_for_fields(path, names)
+        edges, binned = smooth_profile(snap, display.radii(first), display.optics)
+        if visit is not None:
+            visit(snap)
         rows.append([binned[name] for name in names])
     return edges, {name: np.array([row[k] for row in rows]) for k, name in enumerate(names)}
 

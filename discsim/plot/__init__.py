@@ -19,7 +19,7 @@ from discsim.output.fields.display import DisplayOptions, display_options
 from discsim.output.fields.names import available_fields, field_named, field_rows, matching_fields, species_text
 from discsim.output.snapshot import Snapshot, snapshot_files
 from discsim.output.sources import Source, read_for_fields
-from discsim.plot import curves, pictures
+from discsim.plot import curves, marks, pictures
 from discsim.plot.compose import colour_range
 from discsim.plot.film import Film, default_path
 
@@ -41,8 +41,8 @@ def field_map(source: Source, field: str = "gas.surface_density", ax: Axes | Non
     ax : Axes, optional
         matplotlib axes to draw on; by default those of a new figure.
     **options
-        `window`, `pixels`, `distance`, `wavelength` and `opacity` as in `Snapshot.field`, and `limits`, the lowest
-        and highest value shown, in the unit of the axes.
+        `window`, `pixels`, `distance`, `wavelength` and `opacity` as in `Snapshot.field`; `limits`, the lowest and
+        highest value shown, in the unit of the axes; and `mark`, as `--mark` of `discsim plot`.
 
     Returns
     -------
@@ -69,8 +69,8 @@ def polar_map(source: Source, field: str = "gas.surface_density", ax: Axes | Non
     ax : Axes, optional
         matplotlib axes to draw on; by default those of a new figure.
     **options
-        `window`, `pixels`, `distance`, `wavelength` and `opacity` as in `Snapshot.field`, and `limits`, the lowest
-        and highest value shown, in the unit of the axes.
+        `window`, `pixels`, `distance`, `wavelength` and `opacity` as in `Snapshot.field`; `limits`, the lowest and
+        highest value shown, in the unit of the axes; and `mark`, as `--mark` of `discsim plot`.
 
     Returns
     -------
@@ -98,8 +98,8 @@ def profile(source: Source, field: str = "surface_density", ax: Axes | None = No
     ax : Axes, optional
         matplotlib axes to draw on; by default those of a new figure.
     **options
-        `window`, `pixels`, `distance`, `wavelength` and `opacity` as in `Snapshot.field`, and `limits`, the lowest
-        and highest value shown, in the unit of the axes.
+        `window`, `pixels`, `distance`, `wavelength` and `opacity` as in `Snapshot.field`; `limits`, the lowest and
+        highest value shown, in the unit of the axes; and `mark`, as `--mark` of `discsim plot`.
 
     Returns
     -------
@@ -116,6 +116,8 @@ def profile(source: Source, field: str = "surface_density", ax: Axes | None = No
     for name, curve in curves.profile_curves(snap, names, display).items():
         label = species_text(name, snap, of_each=snap.dimensions == 1)
         curves.draw_curve(ax, snap, curve, field_named(name), label=label)
+    start = marks.start_snapshot(source, snap, names, "profile", display)
+    marks.draw_on_profile(ax, [snap], names, display, start)
     curves.finish_profile(ax, snap, names, display)
     return ax
 
@@ -134,8 +136,8 @@ def time_map(
     ax : Axes, optional
         matplotlib axes to draw on; by default those of a new figure.
     **options
-        `window`, `pixels`, `distance`, `wavelength` and `opacity` as in `Snapshot.field`, and `limits`, the lowest
-        and highest value shown, in the unit of the axes.
+        `window`, `pixels`, `distance`, `wavelength` and `opacity` as in `Snapshot.field`; `limits`, the lowest and
+        highest value shown, in the unit of the axes; and `mark`, as `--mark` of `discsim plot`.
 
     Returns
     -------
@@ -169,8 +171,8 @@ def phase(
     ax : Axes, optional
         matplotlib axes to draw on; by default those of a new figure.
     **options
-        `window`, `pixels`, `distance`, `wavelength` and `opacity` as in `Snapshot.field`, and `limits`, the lowest
-        and highest value shown, in the unit of the axes.
+        `window`, `pixels`, `distance`, `wavelength` and `opacity` as in `Snapshot.field`; `limits`, the lowest and
+        highest value shown, in the unit of the axes; and `mark`, as `--mark` of `discsim plot`.
 
     Returns
     -------
@@ -236,7 +238,8 @@ def _draw_picture(source: Source, field: str, ax: Axes | None, display: DisplayO
     """Draw a field as a picture of the given kind, a key of PICTURE_MAKERS; return the axes."""
     snap, ax = read_for_fields(source, matching_fields(field)), axes_or_new(ax)
     name = _first_name(field, snap)
-    picture = pictures.PICTURE_MAKERS[kind](snap, [name], display)[name]
+    start = marks.start_snapshot(source, snap, [name], kind, display)
+    picture = marks.annotated(pictures.PICTURE_MAKERS[kind](snap, [name], display), kind, display, start)[name]
     draw_picture(ax, picture, colour_range(display, [picture]))
     if picture.scale is not None:
         draw_scale_bar(ax, picture)

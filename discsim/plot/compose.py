@@ -46,7 +46,7 @@ from discsim.output.fields.names import (
 from discsim.output.populations import population_of
 from discsim.output.snapshot import Snapshot
 from discsim.output.sources import NamedSnapshot
-from discsim.plot import curves, pictures
+from discsim.plot import curves, marks, pictures
 
 MAX_PANELS_PER_ROW = 3  # in a figure of one run
 PROFILE_WIDTH = 1.25  # width of a profile in units of the width of a map
@@ -194,11 +194,13 @@ def _picture_panel(
 
 
 def profile_panels(
-    snaps: Sequence[Snapshot], names: Sequence[Sequence[str]], titles: Sequence[str], display: DisplayOptions
-) -> list[list[Panel]]:
+    snaps: Sequence[Snapshot], names: Sequence[Sequence[str]], titles: Sequence[str], display: DisplayOptions,
+    start: Snapshot | None = None,
+) -> list[list[Panel]]:  # fmt: skip
     """Return the panels of profiles. Each panel has the curves of all runs for the fields in one entry of `names`.
 
-    `titles` are the names of the runs for the legend.
+    `titles` are the names of the runs for the legend. `start` is the first snapshot of the run, for marks of a single
+    snapshot.
     """
     names = joined_populations(names)
     found = [curves.profile_curves(snap, unique_names(names), display) for snap in snaps]
@@ -209,6 +211,7 @@ def profile_panels(
                 for name in several:
                     style = _line_style(name, snap, number, several, title, len(snaps))
                     curves.draw_curve(axes, snap, curve[name], field_named(name), **style)
+            marks.draw_on_profile(axes, snaps, several, display, start)
             curves.finish_profile(axes, snaps[0], several, display)
 
         return draw_all

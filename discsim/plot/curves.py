@@ -52,7 +52,8 @@ def finish_profile(axes: Axes, snap: Snapshot, names: Sequence[str], display: Di
     if axes.get_ylabel() not in ("", label):  # axes with curves of another species or population
         label = field_label(names[0], snap, of_all=True)
     axes.set_ylabel(label)
-    shown = [y[np.isfinite(y)] for y in (np.asarray(line.get_ydata(), dtype=float) for line in axes.lines)]
+    lines = [line for line in axes.lines if line.get_transform().contains_branch_seperately(axes.transData)[1]]
+    shown = [y[np.isfinite(y)] for y in (np.asarray(line.get_ydata(), dtype=float) for line in lines)]
     peaks = [y.max() for y in shown if y.size]
     if field.scale == "log" and peaks and _decades_spanned(shown) > 0.3:
         axes.set_yscale("log")
@@ -66,7 +67,7 @@ def finish_profile(axes: Axes, snap: Snapshot, names: Sequence[str], display: Di
         axes.axhline(0.0, color="0.5", lw=0.8, zorder=0)
     axes.grid(alpha=0.3)
     if len(axes.get_legend_handles_labels()[0]) > 1:
-        axes.legend(frameon=False, fontsize=9)
+        axes.legend(framealpha=0.85, edgecolor="none", fontsize=9)  # over marks, if there is no free space
 
 
 def _decades_spanned(shown: Sequence[Array]) -> float:

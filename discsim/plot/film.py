@@ -23,7 +23,7 @@ from discsim.output.files import refuse_special, replace_atomically
 from discsim.output.snapshot import snapshot_files
 from discsim.output.sources import NamedSnapshot, read_for_fields, run_directory, run_name, times_and_units
 from discsim.parts import install_command
-from discsim.plot import compose, pictures
+from discsim.plot import compose, marks, pictures
 from discsim.plot.compose import PanelFigure
 from discsim.plot.request import file_stem
 
@@ -77,11 +77,13 @@ class Film:
         names = compose.unique_names(compose.available_names(words, [last], self.populations))
         # One window for all frames; it contains the windows of the first and the last snapshot.
         display = self.display.common_to([read_for_fields(files[k], names) for k in (0, -1)], self.kind)
+        start = marks.start_snapshot(files[-1], last, names, self.kind, display)
         norms = self._colour_ranges(files, names, display)
         for number, file in enumerate(files, 1):
             snap = read_for_fields(file, names)
             head, titles = compose.titles_of([snap], [NamedSnapshot(file, run_name(self.source))])
             made = pictures.PICTURE_MAKERS[self.kind](snap, names, display)
+            made = marks.annotated(made, self.kind, display, start)
             rows = compose.picture_panels([made], titles, display, norms)
             content = io.BytesIO()
             board = PanelFigure(head, rows, notes=compose.note_lines(names, display))

@@ -17,6 +17,7 @@ from discsim.output.fields.names import field_named
 from discsim.output.fields.values import fields_on_pixels, fields_on_polar_pixels, inner_radius
 from discsim.output.run import profiles_in_time
 from discsim.output.sources import read_for_fields, times_and_units
+from discsim.plot import marks
 from discsim.scene.orbits import stated_orbit
 
 if TYPE_CHECKING:
@@ -42,13 +43,13 @@ def polar_pictures(snap: Snapshot, names: Sequence[str], display: DisplayOptions
     length, unit = axis_unit(snap, "length")
     sides = np.array([-180.0, 180.0]), length * np.array([inner, outer])
     labels = r"$\varphi$ [deg]", f"r{unit}"
-    marks = [
+    bodies = [
         (float(np.degrees(np.arctan2(y, x))), float(np.hypot(x, y)), False)
         for x, y, star in body_marks(snap)
         if not star and inner <= np.hypot(x, y) / length <= outer
     ]
     return {
-        name: Picture(snap, name, field_named(name).factor(snap.units) * binned[name].T, *sides, labels, marks)
+        name: Picture(snap, name, field_named(name).factor(snap.units) * binned[name].T, *sides, labels, bodies)
         for name in names
     }
 
@@ -68,16 +69,20 @@ def time_pictures(
     By default the range of radii is that of the disc in the first snapshot. With `in_orbits`, the unit of time is the
     orbit of run.until or run.every, if the scene gives one of them in orbits.
     """
-    first, (edges, values) = read_for_fields(files[0], names), profiles_in_time(files, names, display)
+    first = read_for_fields(files[0], names)
+    in_time = marks.TimeMarks(first, display)
+    edges, values = profiles_in_time(files, names, display, in_time.visit)
     (length, unit), (year, time_unit) = axis_unit(first, "length"), axis_unit(first, "time")
     if in_orbits and (orbit := stated_orbit(first.scene_text, first.units)):
         year, time_unit = 1.0 / orbit.period, f" [{orbit.unit}]"
     between = year * time_edges(np.array(times_and_units(files)[0]))
     labels = f"{'r' if first.dimensions == 2 else 'x'}{unit}", f"t{time_unit}"
-    return {
+    made = {
         name: Picture(first, name, field_named(name).factor(first.units) * each, length * edges, between, labels)
         for name, each in values.items()
     }
+    overlays = [in_time.overlay(length, year)]
+    return {name: replace(picture, overlays=overlays) for name, picture in made.items()}
 
 
 def time_edges(times: Array) -> Array:

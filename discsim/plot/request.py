@@ -13,8 +13,15 @@ from discsim.output.fields.display import DisplayOptions
 from discsim.output.fields.names import split_population
 from discsim.output.files import refuse_special, replace_atomically
 from discsim.output.snapshot import snapshot_files
-from discsim.output.sources import read_for_fields, run_directory, run_name, select_snapshots, times_and_units
-from discsim.plot import compose, pictures
+from discsim.output.sources import (
+    NamedSnapshot,
+    read_for_fields,
+    run_directory,
+    run_name,
+    select_snapshots,
+    times_and_units,
+)
+from discsim.plot import compose, marks, pictures
 from discsim.plot.compose import PanelFigure
 from discsim.scene.orbits import stated_orbit
 from discsim.version import __version__
@@ -60,6 +67,8 @@ class Request:
             raise PlotError("--distance: used only for maps in x and y; remove --distance")
         if self.display.window is not None and self.kind == "phase":
             raise PlotError("--window: not used with --against; remove --window or --against")
+        if self.display.marks is not None and self.kind == "phase":
+            raise PlotError("--mark: not used with --against; remove --mark or --against")
         if self.display.optics is not None and not any(
             split_population(word)[1] in ("emission", "optical_depth") for word in self.words
         ):
@@ -87,12 +96,31 @@ class Request:
             rows = compose.phase_panels(snaps, fields, self.against or "radius", titles, self.display)
             return PanelFigure(head, rows, has_titles=any(titles), extra_space=0.4)
         display = self.display.common_to(snaps, kind)
+        starts = self._first_snapshots(found, snaps, fields, kind)
+        notes = marks.gap_notes(starts, snaps) if "gap" in (display.marks or ()) else []
         if kind == "profile":
-            rows = compose.profile_panels(snaps, names, titles, display)
-            return PanelFigure(head, rows, compose.PROFILE_WIDTH, compose.note_lines(fields, display))
-        made = [pictures.PICTURE_MAKERS[kind](snap, fields, display) for snap in snaps]
+            rows = compose.profile_panels(snaps, names, titles, display, starts[0])
+            notes = [*compose.note_lines(fields, display), *notes]
+            return PanelFigure(head, rows, compose.PROFILE_WIDTH, notes, marks.has_labels(snaps, display))
+        made = [
+            marks.annotated(pictures.PICTURE_MAKERS[kind](snap, fields, display), kind, display, start)
+            for snap, start in zip(snaps, starts, strict=True)
+        ]
         rows = compose.picture_panels(made, titles, display, compare=self.compare)
-        return PanelFigure(head, rows, notes=compose.note_lines(fields, display, made), has_titles=any(titles))
+        notes = [*compose.note_lines(fields, display, made), *notes]
+        return PanelFigure(head, rows, notes=notes, has_titles=any(titles))
+
+    def _first_snapshots(
+        self, found: Sequence[NamedSnapshot], snaps: Sequence[Snapshot], fields: Sequence[str], kind: str
+    ) -> list[Snapshot | None]:
+        """Return for each snapshot the first one of its run, if marks need it, else None. Raises PlotError."""
+        if kind == "profile" and len(snaps) > 1:
+            if needed := marks.FROM_START & (self.display.marks or frozenset()):
+                wanted = "expected a single snapshot in a profile; give one DIR or FILE, and at most one --at"
+                raise PlotError(f"--mark: {', '.join(sorted(needed))}: {wanted}")
+            return [None] * len(snaps)
+        each = zip(found, snaps, strict=True)
+        return [marks.start_snapshot(one.path, snap, fields, kind, self.display) for one, snap in each]
 
     def _panels_against_time(self) -> PanelFigure:
         """Return the panels of a figure against time. Raises PlotError."""

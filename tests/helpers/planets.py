@@ -27,7 +27,7 @@ particles = 500
 eos = {kind = "locally-isothermal", aspect_ratio = 0.05, temperature_index = 1.0}
 """
 PLANET = "[[companion]]\nmass = 3.2e-3\nsemi_major_axis = 1.3\nsoftening = 0.6\n"
-DUST = "[dust]\nparticles = 100\nratio = 0.01\n[drag]\nlaw = \"stokes-number\"\nstokes = 0.2\n"
+DUST = '[dust]\nparticles = 100\nratio = 0.01\n[drag]\nlaw = "stokes-number"\nstokes = 0.2\n'
 DAMPING = "[damping]\ninner = [0.55, 0.8]\nouter = [2.7, 3.4]\n"
 
 

@@ -6,7 +6,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from numbers import Integral
 from typing import TYPE_CHECKING, Any
@@ -33,6 +33,7 @@ Array = np.ndarray
 PIXELS = 480
 MAX_PIXELS = 20_000  # a map of more takes more than 3 GB for each field
 MAX_SIZE = 1e60  # numbers on axes are 0 or from 1/MAX_SIZE to MAX_SIZE in magnitude, as values of a scene
+MARKS = ("bodies", "companions", "damping", "gap", "hill", "initial")  # what `plot/marks.py` can draw
 RANGE_TEXT = f"{1.0 / MAX_SIZE:g} to {MAX_SIZE:g}"
 
 
@@ -45,7 +46,8 @@ class DisplayOptions:
     an array in code units. A Quantity or an array may also have the corners (lower, upper). `limits` are the lowest
     and the highest value on the colour bar or axis, in its unit. `distance` is the distance of the disc as an
     astropy Quantity, with which maps have angles in arcsec. `corners` (of a map) and `ends` (a range of radii), in
-    code units, replace `window` if they are set; see `common_to`. `prefix` precedes the names of arguments in
+    code units, replace `window` if they are set; see `common_to`. `marks` are names in MARKS of what to draw besides
+    the field; None stands for the defaults of a figure. `prefix` precedes the names of arguments in
     messages, such as "--".
     """
 
@@ -56,6 +58,7 @@ class DisplayOptions:
     corners: Window | None = None
     ends: tuple[float, float] | None = None
     pixels: int = PIXELS
+    marks: frozenset[str] | None = None
     prefix: str = ""
 
     def map_window(self, snap: Snapshot) -> Window:
@@ -170,12 +173,13 @@ class DisplayOptions:
 
 def display_options(
     window: Any = None, limits: Any = None, distance: Any = None, wavelength: Any = None, opacity: Any = None,
-    pixels: int = PIXELS, prefix: str = "",
+    pixels: int = PIXELS, mark: Any = None, prefix: str = "",
 ) -> DisplayOptions:  # fmt: skip
     """Return display options from arguments of the command line or of Python functions. Raises PlotError.
 
     The first five arguments are texts like "50 au", "1e-3,10", "140 pc", "1.3 mm" and "2 cm2/g". They may also be
-    Quantities, except `limits`, which may be a pair of numbers. `window` may also be an array in code units.
+    Quantities, except `limits`, which may be a pair of numbers. `window` may also be an array in code units. `mark` is
+    a text like "gap,hill" or "none", or a sequence of names.
     """
     optics = None
     if wavelength is not None or opacity is not None:
@@ -185,9 +189,8 @@ def display_options(
         optics = Optics(seen, None if opacity is None else positive_quantity(opacity, f"{prefix}opacity", "cm2/g"))
     away = None if distance is None else positive_quantity(distance, f"{prefix}distance", "pc")
     ends = None if limits is None else _parse_limits(limits, "--range" if prefix else "limits")
-    return DisplayOptions(
-        _parse_window(window, prefix), ends, away, optics, pixels=checked_pixels(pixels, prefix), prefix=prefix
-    )
+    region, marks = _parse_window(window, prefix), _parse_marks(mark, prefix)
+    return DisplayOptions(region, ends, away, optics, None, None, checked_pixels(pixels, prefix), marks, prefix)
 
 
 def checked_pixels(pixels: Any, prefix: str = "") -> int:
@@ -195,6 +198,20 @@ def checked_pixels(pixels: Any, prefix: str = "") -> int:
     if isinstance(pixels, bool) or not isinstance(pixels, Integral) or not 1 <= int(pixels) <= MAX_PIXELS:
         raise PlotError(f"{prefix}pixels: {_message_text(pixels)}; expected a whole number from 1 to {MAX_PIXELS:_}")
     return int(pixels)
+
+
+def _parse_marks(given: Any, prefix: str) -> frozenset[str] | None:
+    """Return the argument `mark`, names with commas or a sequence of names, as a set. Raises PlotError."""
+    if given is None:
+        return None
+    names = given.split(",") if isinstance(given, str) else list(given) if isinstance(given, Iterable) else [given]
+    if names == ["none"]:
+        return frozenset()
+    for name in names:
+        if name not in MARKS:
+            wanted = f"names of {', '.join(MARKS)}, separated by commas, or none"
+            raise PlotError(f'{prefix}mark: "{_message_text(name)}" is unknown; expected {wanted}')
+    return frozenset(names)
 
 
 def _parse_window(given: Any, prefix: str) -> Any:
