@@ -270,7 +270,7 @@ def draw_on_profile(
     length = axis_unit(snap, "length")[0]
     low, high = (length * each for each in display.radii(snap))
     drawn = {artist.get_gid() for artist in axes.get_children()}
-    if "initial" in marks and start is not None and "initial" not in drawn:
+    if "initial" in marks and start is not None:
         _draw_initial(axes, start, names, replace(display, ends=display.radii(snap)))
     if "damping" in marks and "damping" not in drawn:
         label = DAMPED_LABEL
@@ -286,10 +286,11 @@ def draw_on_profile(
 
 def _draw_initial(axes: Axes, start: Snapshot, names: Sequence[str], display: DisplayOptions) -> None:
     """Draw the curves of a first snapshot in grey; fields that it lacks are left out."""
-    there = [name for name in names if _has_field(name, start)]
-    for number, (name, curve) in enumerate(curves.profile_curves(start, there, display).items()):
-        label = INITIAL_LABEL if number == 0 else "_"
-        style = {"color": "0.6", "lw": 0.9, "zorder": 1.5, "label": label, "gid": "initial"}
+    drawn = {line.get_gid() for line in axes.lines}
+    there = [name for name in names if f"initial {name}" not in drawn and _has_field(name, start)]
+    for name, curve in curves.profile_curves(start, there, display).items():
+        label = "_" if INITIAL_LABEL in axes.get_legend_handles_labels()[1] else INITIAL_LABEL
+        style = {"color": "0.65", "lw": 0.9, "zorder": 1.5, "label": label, "gid": f"initial {name}"}
         curves.draw_curve(axes, start, curve, field_named(name), **style)
 
 

@@ -204,6 +204,7 @@ def test_python_draws_marks_once_on_the_same_axes(run):
     discsim.plot.profile(run, "dust.surface_density", ax=axes)
     assert len(verticals(axes, "companions")) == 1 and len(axes.patches) == 2 and len(axes.texts) == 1
     assert legend_of(axes).count("initial") == 1
+    assert len([line for line in axes.lines if str(line.get_gid()).startswith("initial")]) == 2  # gas and dust
     snap = discsim.read_snapshot(run)
     assert "initial" not in legend_of(discsim.plot.profile(snap, ax=Figure().subplots()))
     assert discsim.plot.field_map(snap, ax=Figure().subplots(), mark=["damping"]).patches

@@ -12,6 +12,7 @@ import discsim
 import discsim.plot
 from discsim.cli import app
 from discsim.output.fields.base import FieldError
+from discsim.output.fields.display import display_options
 from discsim.output.fields.names import field_label, species_text
 from discsim.output.figure import last_state_figure
 from discsim.output.populations import populations_of
@@ -91,9 +92,9 @@ def test_mean_over_populations_is_weighted_by_mass_and_says_so(snap):
 
 def test_profiles_of_populations_share_a_panel_and_have_their_sizes_in_the_legend(run):
     figure = Request([run], ["surface_density"], "profile", populations=["0", "pebbles"]).figure()
-    assert legends(figure) == [["gas", "dust 1 mm", "pebbles, 5 cm"]]
+    assert legends(figure) == [["gas", "dust 1 mm", "pebbles, 5 cm", "initial"]]
     words = ["dust.0.surface_density", "dust.pebbles.surface_density", "dust.surface_density", "stokes"]
-    figure = Request([run], words, "profile").figure()
+    figure = Request([run], words, "profile", display=display_options(mark="none")).figure()
     assert legends(figure) == [["dust 1 mm", "pebbles, 5 cm", "all dust"]]
     assert labels(figure) == {r"$\Sigma$ [g cm$^{-2}$]", "Stokes number, mean over 2 sizes"}
     lines = {line.get_label(): line for line in figure.axes[0].lines}
@@ -108,7 +109,8 @@ def test_curves_on_the_same_axes_have_one_label_and_are_all_inside(run):
     assert ax.get_ylabel() == r"$\Sigma_\mathrm{dust}$, 1 mm [g cm$^{-2}$]"
     discsim.plot.profile(run, "dust.1.surface_density", ax)
     assert ax.get_ylabel() == r"$\Sigma$ [g cm$^{-2}$]"
-    assert [text.get_text() for text in ax.get_legend().texts] == ["dust 1 mm", "pebbles, 5 cm"]
+    assert [text.get_text() for text in ax.get_legend().texts] == ["dust 1 mm", "initial", "pebbles, 5 cm"]
+    assert len([line for line in ax.lines if line.get_color() == "0.65"]) == 2  # the start of each
     assert ax.get_ylim()[1] > max(np.nanmax(line.get_ydata()) for line in ax.lines)
 
 
