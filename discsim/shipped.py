@@ -130,8 +130,28 @@ def copy_setup(name: str, path: Path) -> None:
 
 
 def analysis_script(name: str) -> ModuleType:
-    """Import the analysis script `name`, such as "gap", and return its module."""
-    path = next(directory for directory in SCRIPT_DIRECTORIES if directory.is_dir()) / f"{name}.py"
+    """Return an analysis script, of which `discsim analyse` is the command, as a Python module.
+
+    Parameters
+    ----------
+    name : str
+        "gap", "torque", "clumps", "stress" or "oneway_twoway"; in a clone any script in `analysis`.
+
+    Returns
+    -------
+    module
+        The module. Its docstring has the equations, and its functions the measurements.
+
+    Raises
+    ------
+    ShippedError
+        If there is no such script.
+    """
+    folder = next(directory for directory in SCRIPT_DIRECTORIES if directory.is_dir())
+    path = folder / f"{name}.py"
+    if path not in folder.glob("*.py"):
+        known = ", ".join(sorted(each.stem for each in folder.glob("*.py")))
+        raise ShippedError(f"{printable(name)}: unknown analysis script; expected one of {known}")
     spec = spec_from_file_location(name, path)
     assert spec is not None and spec.loader is not None
     module = module_from_spec(spec)

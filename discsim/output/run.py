@@ -266,7 +266,9 @@ class Run(Summarised):
         """Return the title of the scene, and rows of names and values for display."""
         files = self.files
         ends = [self.scene.show_time(time) for time in self._times_of([*files[:1], *files[-1:]])]
-        rows = [("directory", self.directory), ("snapshots", f"{len(files)}, t = {' to '.join(ends)}" if ends else "0")]
+        here = Path.cwd()
+        shown = self.directory.relative_to(here) if self.directory.is_relative_to(here) else self.directory
+        rows = [("directory", shown), ("snapshots", f"{len(files)}, t = {' to '.join(ends)}" if ends else "0")]
         return self.scene.title or "A run", [*rows, *self.scene.facts]
 
     def _times_of(self, files: Sequence[Path]) -> list[float]:

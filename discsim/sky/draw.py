@@ -43,11 +43,11 @@ def draw_map(
         ax = plt.subplots()[1]
     factor, label = _unit_of(sky)
     values = factor * sky.values
-    half_x, half_y = (0.5 * sky.pixel * n for n in sky.values.shape[::-1])
+    half_x, _, _, half_y = sky.extent
     image = ax.imshow(
         values,
         origin="lower",
-        extent=(half_x, -half_x, -half_y, half_y),
+        extent=sky.extent,
         norm=_norm_of(sky.quantity, values, limits, stretch),
         cmap=COLOURS[sky.quantity],
         interpolation="nearest",

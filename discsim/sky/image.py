@@ -124,6 +124,20 @@ class SkyMap:
         """Factor from the values of an intensity, in Jy per beam or per pixel, to mJy/arcsec2."""
         return 1e3 / (self.pixels_per_beam * self.pixel**2)
 
+    @property
+    def extent(self) -> tuple[float, float, float, float]:
+        """Offsets in arcsec of the edges: east, west, south, north; `extent` of matplotlib's imshow."""
+        half_y, half_x = (0.5 * self.pixel * n for n in self.values.shape)
+        return half_x, -half_x, -half_y, half_y
+
+    @property
+    def radius(self) -> Any:
+        """Radius (ny, nx) in the plane of the disc of the middle of each pixel, an astropy Quantity in au."""
+        from discsim.scene.astropy_units import units as u
+
+        north, west = (self.pixel * (np.arange(n) - 0.5 * (n - 1)) for n in self.values.shape)
+        return u.Quantity(self.distance * self.orientation.radius(-west, north[:, None]), "au")
+
     def spectral_index(self, other: SkyMap, threshold: float | None = None) -> SkyMap:
         """Return the spectral index alpha, I ~ nu^alpha, from this map and a map at another wavelength.
 

@@ -43,6 +43,11 @@ class Orientation:
         sine, cosine = math.sin(self.position_angle), math.cos(self.position_angle)
         return along * sine + across * cosine, along * cosine - across * sine
 
+    def radius(self, east: Array, north: Array) -> Array:
+        """Return the radii in the disc of offsets to the east and to the north, the inverse of eq. (2)."""
+        sine, cosine = math.sin(self.position_angle), math.cos(self.position_angle)
+        return np.hypot(east * sine + north * cosine, (east * cosine - north * sine) / math.cos(self.inclination))
+
     def line_of_sight(self, vel: Array) -> Array:
         """Return the velocities (n,) away from the observer of velocities (n, 2) in the disc, eq. (3)."""
         return self._to_nodes(vel)[1] * math.sin(self.inclination)

@@ -177,6 +177,19 @@ def test_a_grain_is_found_at_its_right_ascension_and_declination(tmp_path):
     assert header["RESTFRQ"] == pytest.approx(nu("1.3 mm").value)
 
 
+def test_radius_of_a_pixel_is_that_of_the_grain_seen_in_it():
+    """Within the diagonal of a pixel in the plane of the disc, where cos 55 deg = 0.57 stretches it along one axis."""
+    for pos in (np.array([[12.0, 16.0]]), np.array([[-23.0, 5.0]])):
+        sky = snapshot(particles(pos, np.array([1e-9]))).image(
+            distance=D, inclination="55 deg", position_angle="130 deg", azimuth="15 deg", temperature="20 K",
+            fov="1.2 arcsec", pixels=400,
+        )  # fmt: skip
+        brightest = np.unravel_index(np.argmax(sky.values), sky.values.shape)
+        stretched = sky.pixel * 140 / np.cos(np.radians(55))
+        assert sky.radius[brightest].to_value("au") == pytest.approx(AU * np.hypot(*pos[0]), abs=stretched)
+    np.testing.assert_allclose(sky.extent, (0.6, -0.6, -0.6, 0.6), rtol=1e-14)
+
+
 def kepler_disc():
     """Gas on circular Kepler orbits about 0.7 Msun, which is the code unit of mass."""
     pos, area = even_positions(6.0, 50.0, 90)
