@@ -19,7 +19,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from discsim.effects.added_force import AddedForce, Function
+from discsim.effects.added_force import AddedForce, Function, descriptions
 from discsim.effects.base import Effect
 from discsim.initial import user_arrays
 from discsim.numerics.bodies import Bodies
@@ -259,8 +259,10 @@ class Simulation(Summarised):
 
     def summary(self) -> tuple[str, Rows]:
         """Return the title of the scene, and rows (name, value): the time, the step and facts of the scene."""
-        now = self.scene.show_time(self.time)
-        return self.scene.title or "A simulation", [("time", now), ("step", self.state.step), *self.scene.facts]
+        now, forces = self.scene.show_time(self.time), descriptions(self.effects)
+        added = [("forces", ", ".join(forces))] if forces else []
+        rows = [("time", now), ("step", self.state.step), *self.scene.facts, *added]
+        return self.scene.title or "A simulation", rows
 
     def evolve(self, until: float, after_step: Callable[[], bool] | None = None, read_only: bool = False) -> bool:
         """Step to the time `until`, and leave the closing kick of the last step to the next step.

@@ -54,6 +54,13 @@ def by_id(particles, array):
     return array[np.argsort(particles.ids)]
 
 
+def test_added_forces_are_listed_with_their_species():
+    sim = grains()
+    assert "forces" not in repr(sim)
+    sim.add_force(spring, on="dust", name="spring")
+    assert 'forces   "spring" on dust' in repr(sim)
+
+
 def test_grains_on_a_shaken_spring_are_on_the_exact_orbit_to_second_order():
     """Errors fall by four with half the step. A force at another time than that of the positions is first order."""
     errors = []
