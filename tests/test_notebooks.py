@@ -1,6 +1,5 @@
 """The notebooks in docs/notebooks: stored with the outputs of their code, and right with the names of today."""
 
-import ast
 import re
 
 import matplotlib.pyplot as plt
@@ -18,7 +17,7 @@ PLACES = re.compile(r"(?<![\w.])/(?:home|root|tmp|work|usr|opt|Users|var|private
 # Values for the cell tagged "parameters", by notebook: runs of a second.
 TINY = {
     "compare_with_fits": {"particles": 500, "until": "150 yr", "pixels": 80, "steps": 3},
-    "fragmentation": {"gas_particles": 700, "dust_particles": 300, "cells": 64, "until": "20 yr"},
+    "fragmentation": {"gas_particles": 1500, "dust_particles": 300, "cells": 64, "until": "8 yr"},
     "own_force": {"precession_orbits": 12, "drag_time": 0.5, "steps_per_orbit": 30},
     "planet_and_dust_rings": {"gas_particles": 600, "grains": 1500, "orbits": 0.2},
 }
@@ -36,12 +35,6 @@ def test_stored_with_the_outputs_of_its_code(name):
     assert [cell.execution_count for cell in cells] == [*range(1, len(cells) + 1)]
     assert not [out for out in outputs(book) if out.output_type == "error" or out.get("name") == "stderr"]
     assert sum("image/png" in out.get("data", {}) for out in outputs(book)) >= 2
-    last = [cell.outputs for cell in cells if not cell.source.rstrip().endswith(";") and is_expression(cell.source)]
-    assert all(last)  # a value at the end of a cell is shown
-
-
-def is_expression(source):
-    return isinstance(ast.parse(source).body[-1], ast.Expr)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -98,9 +91,14 @@ def test_the_planet_notebook_makes_two_images_of_one_disc(names):
 
 @pytest.mark.parametrize("names", ["fragmentation"], indirect=True)
 def test_the_toomre_mass_of_the_notebook_is_that_of_its_power_law(names):
-    """With Sigma = M / (2 pi ln(outer / inner) r^2): pi^5 (M / (2 pi ln 3))^3. Tapers raise Sigma by a tenth."""
+    """With Sigma = M / (2 pi ln(outer / inner) r^2) it is pi^5 (M / (2 pi ln 3))^3 everywhere.
+
+    Tapers raise Sigma by a tenth, few particles scatter it; the cube root of the mass is linear in Sigma.
+    """
+    mass = names["toomre_mass"]
+    middle = mass[len(mass) // 4 : 3 * len(mass) // 4]
     expected = np.pi**5 * (0.2 / (2.0 * np.pi * np.log(3.0))) ** 3 * 1047.6
-    assert 1.0 < np.median(names["toomre_mass"]) / expected < 1.9
+    assert np.cbrt(middle).mean() == pytest.approx(1.1 * np.cbrt(expected), rel=0.1)
     assert names["growth"]["number"].to_list() == [len(table) for table in names["tables"]]
 
 
