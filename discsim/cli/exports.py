@@ -21,7 +21,7 @@ def export(
     sizes: Annotated[int, typer.Option(metavar="N", help="Bins for grains of many sizes.")] = 10,
     cells: Annotated[int, typer.Option(metavar="N", help="Cells in azimuth; those in radius are as wide.")] = 256,
     opacity: Annotated[
-        str | None, typer.Option(metavar="K|FILE", help="As in `discsim image` [10 cm2/g (nu / THz)]; radmc3d only.")
+        str | None, typer.Option(metavar="K|FILE", help="As in `discsim image` [radmc3d: 10 cm2/g (nu / THz)].")
     ] = None,
     temperature: Annotated[
         str | None,

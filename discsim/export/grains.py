@@ -18,9 +18,11 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from discsim.output.snapshot import Snapshot
+    from discsim.sky.opacity import Opacity
 
 Array = np.ndarray
 SAME = 1e-9  # largest relative difference of two equal sizes
+WAVELENGTHS = (0.1, 1e4)  # micrometres: shortest and longest
 
 
 @dataclass(frozen=True)
@@ -43,6 +45,18 @@ class Grains:
     def mean_size(self) -> float | None:
         """Radius in cm: the mean of ln s over mass; None if the run has no sizes."""
         return None if self.size is None else float(np.exp(np.average(np.log(self.size), weights=self.mass)))
+
+    def absorption(self, opacity: Opacity, wavelengths: Array) -> Array:
+        """Return the opacity (m,) in cm2/g at wavelengths (m,) in um, the mean over the mass. Raises PlotError."""
+        from discsim.scene.astropy_units import units as u
+
+        one_size = self.size is None or self.size.min() == self.size.max()
+        chosen = slice(1) if one_size and (self.population == self.population[0]).all() else slice(None)
+        size = None if self.size is None else self.size[chosen]
+        return np.array([
+            np.average(opacity.absorption(each * u.um, self.population[chosen], size), weights=self.mass[chosen])
+            for each in wavelengths
+        ])  # fmt: skip
 
     def chosen(self, mask: Array, text: str) -> Grains:
         """Return the grains of a mask (n,)."""
@@ -115,3 +129,10 @@ def groups_at_equal_ratios(grains: Sequence[Grains], bins: int) -> list[tuple[fl
         mask = nearest == k
         found.append((radius, every.chosen(mask, f"{radius:.4g} cm") if mask.any() else None))
     return found
+
+
+def wavelength_range(opacity: Opacity) -> tuple[float, float]:
+    """Return the part of WAVELENGTHS in micrometres that the opacities cover."""
+    low, high = WAVELENGTHS
+    table = getattr(opacity, "wavelength", None)
+    return (low, high) if table is None else (max(low, 1e3 * float(table[0])), min(high, 1e3 * float(table[-1])))

@@ -8,6 +8,11 @@ more. Cells have their exact part of the Gaussian in z (`layers.py`). The file h
 MCFOST interpolates between grain sizes, and makes its own in equal ratios. The sizes of the file are at these ratios,
 so that nothing is interpolated. It scales the number of grains from the array dn/da, and all of it to the dust mass of
 the parameter file: dn/da = M / a^4 for the mass M of each size.
+
+Given opacities kappa go into a file of efficiencies Q = 4/3 rho a kappa, in the layout that MCFOST expects from a file
+with a name that begins with "Misselt". MCFOST takes the mean over the points of the file inside each of its bins of
+wavelength, and interpolates between points for an image. The points are in the middle of equal parts of these bins; one
+more lies on each side, as does one more size.
 """
 
 from __future__ import annotations
@@ -17,32 +22,39 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discsim.export.grains import grains_of, groups_at_equal_ratios
+from discsim.export.grains import WAVELENGTHS, Grains, grains_of, groups_at_equal_ratios, wavelength_range
 from discsim.export.layers import REACH, disc_of, gaussian_parts
 from discsim.export.options import MAX_CELLS, MAX_SIZES
 from discsim.output.fields.base import PlotError
 from discsim.output.fields.frame import central_mass
+from discsim.sky.opacity import opacity_of
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from discsim.export.layers import Disc
     from discsim.export.options import ExportOptions
     from discsim.output.snapshot import Snapshot
+    from discsim.sky.opacity import Opacity
 
 Array = np.ndarray
 CUTOFF = 7.0  # height of MCFOST's grid in scale heights of the parameter file
 MAX_HEIGHTS = 150  # most cells in z > 0
 EMPTY = 1e-30  # mass of a size without grains over the mass of all; MCFOST takes its logarithm
-VERSION = "MCFOST 4.1 (parameter file 4.0)"
-DENSITY, PARAMETERS = "density.fits.gz", "discsim.para"
+VERSION = "MCFOST 4.1 (parameter file 4.1)"
+DENSITY, PARAMETERS, OPACITIES = "density.fits.gz", "discsim.para", "Misselt_discsim.dat"
+SILICATE = "Draine_Si_sUV.dat"  # optical constants of MCFOST, where no opacities are given
+BINS, PARTS = 50, 5  # bins of wavelength; points of the file of opacities in each
+GRAIN_DENSITY = 2.0  # g/cm3, with which efficiencies are written; opacities do not depend on it
 
 
 def write_folder(snap: Snapshot, folder: Path, options: ExportOptions) -> list[str]:
     """Write the files of MCFOST into a folder that exists; return lines that describe them. Raises PlotError."""
     from astropy.io import fits
 
-    for name in ("opacity", "temperature"):
-        if getattr(options, name) is not None:
-            raise PlotError(f"{options.prefix}{name}: used only by radmc3d, MCFOST computes its own; leave it out")
+    if options.temperature is not None:
+        raise PlotError(f"{options.prefix}temperature: used only by radmc3d, MCFOST computes its own; leave it out")
+    opacity = None if options.opacity is None else opacity_of(options.opacity, options.prefix)
     disc = disc_of(snap, options.checked_number("cells", 8, MAX_CELLS), options.checked_alpha(), options.prefix)
     snap = disc.snap
     groups = groups_at_equal_ratios(grains_of(snap), options.checked_number("sizes", 1, MAX_SIZES))
@@ -76,13 +88,19 @@ def write_folder(snap: Snapshot, folder: Path, options: ExportOptions) -> list[s
         hdus.append(fits.ImageHDU(flow))
     fits.HDUList(hdus).writeto(folder / DENSITY)
     shape = (len(disc.radius), number, disc.azimuths)
-    (folder / PARAMETERS).write_text(_parameters(disc, options, shape, radii, (sum(masses), scale, flaring)))
+    optics = (SILICATE, *WAVELENGTHS)
+    if opacity is not None:
+        optics = (OPACITIES, *_write_opacities(folder / OPACITIES, opacity, groups))
+    text = _parameters(disc, options, shape, radii, (sum(masses), scale, flaring), optics)
+    (folder / PARAMETERS).write_text(text)
     unit = snap.units.cgs("mass")
     return [
-        f"Written for {VERSION}: `mcfost {PARAMETERS} -3D -density_file {DENSITY}`.",
+        f"Written for {VERSION}: `mcfost {PARAMETERS} -3D -density_file {DENSITY} -star_bb`.",
         f"Grid: {shape[0]} x {shape[1]} x {shape[2]} cells in r, z > 0 and phi.",
         f"The thinnest layer is {number * thinnest:.2g} cells high.",
-        "Opacities are those of MCFOST for the optical constants that the parameter file names; set them there.",
+        "Opacities are those of MCFOST for the optical constants that the parameter file names; set them there."
+        if opacity is None
+        else f"Opacity: {opacity.text}; without scattering.",
         *(
             f"Size {1e4 * radius:.6g} um: mass {mass * unit:.15e} g."
             for radius, mass in zip(radii, masses, strict=True)
@@ -121,10 +139,49 @@ def _density(
     return mass.T[:, None, :] * parts / (volume * units.cgs("length") ** 3)
 
 
+def _write_opacities(
+    path: Path, opacity: Opacity, groups: Sequence[tuple[float, Grains | None]]
+) -> tuple[float, float]:  # fmt: skip
+    """Write the absorption of groups (radius in cm, grains) by wavelength.
+
+    Return the shortest and the longest wavelength of MCFOST's bins in um. Raises PlotError.
+    """
+    wavelengths = np.geomspace(*wavelength_range(opacity), BINS * PARTS + 2)
+    sizes = [(radius, _absorption(opacity, wavelengths, radius, grains)) for radius, grains in groups]
+    (first, of_first), (last, of_last) = sizes[0], sizes[-1]
+    lines = ["none", *["#"] * 7, f"sizes {len(sizes) + 2}", f"wavelengths {len(wavelengths)}", f"1 {GRAIN_DENSITY}"]
+    lines += ["#", "# number, wavelength in um, 0, Q_sca, Q_ext, g for each radius in um"]
+    for radius, kappa in [(0.5 * first, 2.0 * of_first), *sizes, (2.0 * last, 0.5 * of_last)]:  # Q of the end sizes
+        lines += [f"{1e4 * radius:.9e}", "#"]
+        efficiency = 4.0 / 3.0 * GRAIN_DENSITY * radius * kappa
+        lines += [f"{k} {w:.9e} 0 0 {q:.9e} 0" for k, (w, q) in enumerate(zip(wavelengths, efficiency, strict=True))]
+        lines.append("")
+    path.write_text("\n".join(lines))
+    half = np.sqrt(wavelengths[1] / wavelengths[0])
+    return float(wavelengths[0] * half), float(wavelengths[-1] / half)
+
+
+def _absorption(opacity: Opacity, wavelengths: Array, radius: float, grains: Grains | None) -> Array:
+    """Return the opacity (m,) in cm2/g of grains, or of the first population where a size has no grains."""
+    if grains is None:
+        nowhere, one = np.zeros((1, 2)), np.ones(1)
+        grains = Grains("", nowhere, one, np.full(1, radius), None, np.zeros(1, int))
+    return grains.absorption(opacity, wavelengths)
+
+
 def _parameters(
-    disc: Disc, options: ExportOptions, shape: tuple[int, int, int], radii: Array, dust: tuple[float, float, float]
+    disc: Disc,
+    options: ExportOptions,
+    shape: tuple[int, int, int],
+    radii: Array,
+    dust: tuple[float, float, float],
+    optics: tuple[str, float, float],
 ) -> str:
-    """Return the text of the parameter file. dust: its mass, and h and beta of the grid, in code units."""
+    """Return the text of the parameter file.
+
+    dust: its mass, and h and beta of the grid, in code units. optics: file of optical constants or opacities, and the
+    shortest and the longest wavelength in um.
+    """
     snap, (mass, scale, flaring) = disc.snap, dust
     au = snap.units.cgs("length") / 1.495978707e13
     to_solar = float(snap.units.quantity(1.0, "mass").to_value("Msun"))
@@ -140,12 +197,13 @@ def _parameters(
         "mass": mass * to_solar, "ratio": ratio, "scale": scale * au ** (1.0 - flaring),
         "flaring": flaring, "inner": au * disc.edges[0], "outer": au * disc.edges[-1], "smallest": smallest,
         "largest": largest, "sizes": len(radii), "temperature": temperature, "radius": radius,
-        "star": star * to_solar, "x": x, "y": y,
+        "star": star * to_solar, "x": x, "y": y, "bins": BINS,
+        "file": optics[0], "shortest": optics[1], "longest": optics[2],
     }  # fmt: skip
     return TEMPLATE.format(**values)
 
 
-TEMPLATE = """4.0                      mcfost version
+TEMPLATE = """4.1                      mcfost version
 
 #Number of photon packages
   1.28e6                  nbr_photons_eq_th  : T computation
@@ -153,7 +211,7 @@ TEMPLATE = """4.0                      mcfost version
   1.28e6                  nbr_photons_image  : images computation
 
 #Wavelength
-  50  0.1 10000.0         n_lambda, lambda_min, lambda_max [mum]
+  {bins} {shortest:.9g} {longest:.9g}   n_lambda, lambda_min, lambda_max [mum]
   T F T                   compute temperature?, compute sed?, use default wavelength grid for output ?
   none.lambda             wavelength file (if previous parameter is F)
   F F                     separation of different contributions?, stokes parameters?
@@ -170,8 +228,7 @@ TEMPLATE = """4.0                      mcfost version
   -90.                    disk PA
 
 #Scattering method
-  0                       0=auto, 1=grain prop, 2=cell prop
-  1                       1=Mie, 2=hg
+  1                       1=exact phase function, 2=hg function
 
 #Symmetries
   F                       image symmetry
@@ -199,19 +256,19 @@ TEMPLATE = """4.0                      mcfost version
 #Grain properties
   1  Number of species
   Mie  1 2  0.0  1.0  0.9 Grain type (Mie or DHS), N_components, mixing rule, porosity, mass fraction, Vmax (for DHS)
-  Draine_Si_sUV.dat  1.0  Optical indices file, volume fraction
+  {file}  1.0   Optical indices file, volume fraction
   1                       Heating method : 1 = RE + LTE, 2 = RE + NLTE, 3 = NRE
   {smallest:.16e} {largest:.16e} 3.5 {sizes}   amin, amax [mum], aexp, n_grains (log distribution)
 
 #Molecular RT settings
-  T T T 15.               lpop, laccurate_pop, LTE, profile width (km.s^-1)
-  0.2                     v_turb (delta)
+  T T T                   lpop, laccurate_pop, LTE
+  0.2 km/s                turbulence
   1                       nmol
   co@xpol.dat 6           molecular data filename, level_max
-  10.0 20                 vmax (km.s^-1), n_speed
   T 1.e-6 abundance.fits.gz   cst molecule abundance ?, abundance, abundance file
   T  2                    ray tracing ?,  number of lines in ray-tracing
   2 3                     transition numbers
+  -10.0 10.0 41           vmin, vmax (km.s^-1), n_speed
 
 #Atoms settings
   1                       number of atoms

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discsim.export.grains import grains_of, groups_of
+from discsim.export.grains import grains_of, groups_of, wavelength_range
 from discsim.export.layers import REACH, disc_of, gaussian_parts, graded
 from discsim.export.options import MAX_CELLS, MAX_SIZES
 from discsim.sky.opacity import opacity_of
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 H2_MASS = 2.8  # mass of gas for each H2 molecule in u
-WAVELENGTHS = (0.1, 1e4, 120)  # micrometres: shortest, longest; number
+WAVELENGTHS = 120  # number
 STEEPEST = 1.4  # largest latitude of the grid in radians
 VERSION = "RADMC-3D 2.0"
 SETTINGS = """nphot = 1000000
@@ -51,7 +51,7 @@ def write_folder(snap: Snapshot, folder: Path, options: ExportOptions) -> list[s
     thetas = _thetas(disc, heights)
     disc.check_size(len(thetas) - 1, len(groups))
     volume = _volumes(disc, thetas) * snap.units.cgs("length") ** 3
-    wavelengths = _wavelengths(opacity)
+    wavelengths = np.geomspace(*wavelength_range(opacity), WAVELENGTHS)
     _write_grid(folder, disc, thetas)
     _write_lines(folder / "wavelength_micron.inp", [len(wavelengths)], wavelengths)
     _write_star(folder, snap, options, wavelengths)
@@ -110,15 +110,6 @@ def _flat(values: Array) -> Array:
     return np.ascontiguousarray(values).ravel()
 
 
-def _wavelengths(opacity: Opacity) -> Array:
-    """Return wavelengths in micrometres: as many of WAVELENGTHS as the opacities cover."""
-    low, high, number = WAVELENGTHS
-    table = getattr(opacity, "wavelength", None)
-    if table is not None:
-        low, high = max(low, 1e3 * float(table[0])), min(high, 1e3 * float(table[-1]))
-    return np.geomspace(low, high, number)
-
-
 def _write_lines(path: Path, first: list[Any], rows: Any) -> None:
     """Write a text file: lines with the values `first`, then a line for each of `rows`."""
     lines = [str(value) for value in first]
@@ -163,15 +154,7 @@ def _write_species(folder: Path, count: int) -> None:
 
 def _write_opacity(folder: Path, number: int, group: Grains, opacity: Opacity, wavelengths: Array) -> None:
     """Write the absorption opacity of a group, the mean over the mass of its grains. Raises PlotError."""
-    from discsim.scene.astropy_units import units as u
-
-    one_size = group.size is None or group.size.min() == group.size.max()
-    chosen = slice(1) if one_size and (group.population == group.population[0]).all() else slice(None)
-    size = None if group.size is None else group.size[chosen]
-    rows = []
-    for wavelength in wavelengths:
-        kappa = opacity.absorption(wavelength * u.um, group.population[chosen], size)
-        rows.append((wavelength, np.average(kappa, weights=group.mass[chosen])))
+    rows = list(zip(wavelengths, group.absorption(opacity, wavelengths), strict=True))
     _write_lines(folder / f"dustkappa_dust{number}.inp", [f"# {opacity.text}", 1, len(rows)], rows)
 
 

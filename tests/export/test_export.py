@@ -6,8 +6,10 @@ from astropy import constants
 from astropy import units as u
 from sky_discs import UNITS, even_positions, particles, snapshot
 from transfer_readers import (
+    mcfost_bins,
     mcfost_density,
     mcfost_grid,
+    mcfost_opacities,
     mcfost_parameters,
     mcfost_sizes,
     radmc3d_binary,
@@ -202,24 +204,53 @@ def test_grains_of_many_sizes_are_in_bins_of_equal_ratio_and_small_dust_is_one_m
     assert found == pytest.approx(wanted, rel=1e-12)
 
 
-def test_opacity_of_a_bin_is_the_mean_over_the_mass_of_its_grains(tmp_path):
-    """kappa = 3 a^-0.5 cm2/g (a in cm) at all wavelengths, from a table that is exact in logarithms."""
-    (tmp_path / "k.ecsv").write_text(
+def table_of_opacities(path):
+    """kappa = 3 a^-0.5 (lambda / 1 mm)^-1.5 cm2/g (a in cm), which a table in logarithms has exactly."""
+    path.write_text(
         "# %ECSV 1.0\n# ---\n# datatype:\n# - {name: wavelength, unit: um, datatype: float64}\n"
         "# - {name: size, unit: cm, datatype: float64}\n# - {name: absorption, unit: cm2 / g, datatype: float64}\n"
         "wavelength size absorption\n"
-        + "".join(f"{lam} {a} {3 * a**-0.5}\n" for lam in (0.3, 4000.0) for a in (1e-5, 1e-2, 10.0))
+        + "".join(
+            f"{lam} {a} {3 * a**-0.5 * (lam / 1e3) ** -1.5}\n" for lam in (0.3, 4000.0) for a in (1e-5, 1e-2, 10.0)
+        )
     )
-    snap, cm = many_sizes()
-    where = discsim.export.write(
-        snap, "radmc3d", tmp_path / "a", alpha=ALPHA, cells=16, sizes=3, opacity=str(tmp_path / "k.ecsv")
-    )
+    return str(path)
+
+
+def test_opacity_of_a_bin_is_the_mean_over_the_mass_of_its_grains(tmp_path):
+    table, (snap, cm) = table_of_opacities(tmp_path / "k.ecsv"), many_sizes()
+    where = discsim.export.write(snap, "radmc3d", tmp_path / "a", alpha=ALPHA, cells=16, sizes=3, opacity=table)
     ends = np.geomspace(cm.min(), cm.max(), 4)
     chosen = (cm >= ends[1]) & (cm < ends[2])
     kappa = np.average(3 * cm[chosen] ** -0.5, weights=snap.dust.mass[chosen])
     rows = text_numbers(where / "dustkappa_dust1.inp")[2:]
     assert rows[[0, -2]] == pytest.approx([0.3, 4000.0])
-    assert rows[1::2] == pytest.approx(np.full(len(rows) // 2, kappa))
+    assert rows[1::2] == pytest.approx(kappa * (rows[::2] / 1e3) ** -1.5)
+
+
+def test_mcfost_reads_the_opacity_of_every_size_in_each_of_its_bins_of_wavelength(tmp_path):
+    """kappa of the table at the mean over mass of a^-0.5; a size without grains has that of its radius.
+
+    MCFOST takes means over the points in a bin. These are in the middle of five equal parts, where rounding in single
+    precision moves none into another bin. Sizes at both ends are beyond those of the grains.
+    """
+    table, (snap, cm) = table_of_opacities(tmp_path / "k.ecsv"), many_sizes()
+    where = discsim.export.write(snap, "mcfost", tmp_path / "a", alpha=ALPHA, cells=16, sizes=6, opacity=table)
+    given = mcfost_parameters(where / "discsim.para")
+    radii, wavelengths, kappa = mcfost_opacities(where / "Misselt_discsim.dat")
+    _, sizes, _, _, _ = mcfost_density(where / "density.fits.gz")
+    np.testing.assert_allclose(radii[1:-1], sizes, rtol=1e-9)
+    assert radii[0] < 0.9 * sizes[0] and radii[-1] > 1.1 * sizes[-1]
+    nearest = np.abs(np.log(sizes)[:, None] - np.log(1e4 * cm)).argmin(axis=0)
+    law = 3 * (wavelengths / 1e3) ** -1.5
+    for k, size in enumerate(sizes):
+        own = nearest == k
+        mean = np.average(cm[own] ** -0.5, weights=snap.dust.mass[own]) if own.any() else (1e-4 * size) ** -0.5
+        np.testing.assert_allclose(kappa[k + 1], mean * law, rtol=1e-7)
+    assert "Misselt_discsim.dat" in (where / "discsim.para").read_text() and given["sizes"][2] == 6
+    bins = mcfost_bins(where / "discsim.para")
+    assert wavelengths[0] == pytest.approx(0.3) and wavelengths[-1] == pytest.approx(4000.0)
+    assert (np.histogram(wavelengths, bins)[0] == 5).all() and np.abs(np.log(wavelengths / bins[:, None])).min() > 0.01
 
 
 ALPHAS = [
@@ -314,7 +345,8 @@ def test_mcfost_gets_many_sizes_at_equal_ratios(tmp_path):
         ("radmc3d", {"star_radius": "3 au/s"}, "star_radius: "),
         ("radmc3d", {"temperature": "hot"}, "temperature: "),
         ("radmc3d", {"opacity": "2 cm2/g,1 cm2/g,-3 cm2/g"}, "opacity: "),
-        ("mcfost", {"opacity": "2 cm2/g"}, "opacity: used only by radmc3d"),
+        ("mcfost", {"opacity": "2 cm2/g,-3 cm2/g"}, "opacity: "),
+        ("mcfost", {"temperature": "gas"}, "temperature: used only by radmc3d"),
         ("radmc3d", {"colour": "red"}, "colour: unknown option; expected one of alpha"),
     ],
 )

@@ -76,6 +76,27 @@ def mcfost_sizes(given):
     return smallest * (largest / smallest) ** ((np.arange(count) + 0.5) / count)
 
 
+def mcfost_opacities(path):
+    """Radii in um, wavelengths in um, and kappa [size, wavelength] in cm2/g, by the statements of `misselt_load`."""
+    lines = path.read_text().splitlines()
+    sizes, wavelengths = (int(lines[k].split()[1]) for k in (8, 9))
+    density, at, found = float(lines[10].split()[1]), 13, []
+    for _ in range(sizes):
+        radius = float(lines[at])
+        rows = np.array([line.split() for line in lines[at + 2 : at + 2 + wavelengths]], dtype=float)
+        assert rows.shape == (wavelengths, 6) and (rows[:, [3, 5]] == 0).all()  # no scattering
+        found.append((radius, rows[:, 1], rows[:, 4] * 0.75 / (density * radius * 1e-4)))
+        at += wavelengths + 3
+    return np.array([each[0] for each in found]), found[0][1], np.array([each[2] for each in found])
+
+
+def mcfost_bins(path):
+    """Edges in um of the bins of wavelength in a parameter file, of equal width in ln lambda."""
+    (line,) = (line for line in path.read_text().splitlines() if "n_lambda, lambda_min" in line)
+    count, low, high = (float(word) for word in line.split()[:3])
+    return np.geomspace(low, high, int(count) + 1)
+
+
 def mcfost_density(path):
     """Densities [size, phi, z, r], radii in um, dn/da, density and velocity of the gas."""
     with fits.open(path) as file:
