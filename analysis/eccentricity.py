@@ -23,16 +23,17 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from discsim import SceneError, load_scene
-from discsim.output.snapshot import SnapshotError, read_snapshot
+from discsim import open_run
+from discsim.output.snapshot import Snapshot
 from discsim.physics.centre import kepler_omega
+from discsim.printable import UserError
 from discsim.scene import Scene
 
 LEAST = 3  # snapshots through which a line is put
 
 
-class InputError(Exception):
-    """Something the user can put right; the message says what."""
+class InputError(UserError):
+    """A run or an option that does not suit the measurement; the message has the reason."""
 
 
 class Mode(NamedTuple):
@@ -43,15 +44,16 @@ class Mode(NamedTuple):
     eccentricity: float
 
 
-def mode_of(path: Path, scene: Scene, inner: float, outer: float) -> Mode:
+def mode_of(snap: Snapshot, scene: Scene, inner: float, outer: float) -> Mode:
     """Return the mode of the gas between two radii. Raises InputError."""
-    snap = read_snapshot(path)
     gas = snap.gas
     if gas is None or not scene.star:
-        raise InputError(f"{path}: expected gas about a star")
+        raise InputError("the run has no gas about a star; expected a run with [gas] and [star]")
     chosen = (gas.radius > inner) & (gas.radius < outer)
     if not chosen.any():
-        raise InputError(f"{path}: no gas from {inner:g} to {outer:g} (code units); expected other --inner and --outer")
+        raise InputError(
+            f"t = {snap.time:g}: no gas from {inner:g} to {outer:g} (code units); expected other --inner and --outer"
+        )
     r, pos, vel = gas.radius[chosen], gas.pos[chosen], gas.vel[chosen]
     radial = (pos * vel).sum(axis=1) / r
     speed = 2.0 * abs(np.mean(radial * (pos[:, 0] + 1j * pos[:, 1]) / r))
@@ -83,24 +85,21 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--to", type=float, default=1e-2, metavar="E", dest="high", help="eccentricity (default 1e-2)")
     given = parser.parse_args(arguments)
     try:
-        scene = load_scene(given.directory / "scene.toml")
-        files = sorted((given.directory / "snapshots").glob("*.h5"))
-        if not files:
-            raise InputError(f"{given.directory}: no snapshots found; expected the output directory of a run")
-        modes = [mode_of(file, scene, given.inner, given.outer) for file in files]
-    except (InputError, SceneError, SnapshotError, OSError) as error:
+        run = open_run(given.directory)
+        modes = [mode_of(snap, run.scene, given.inner, given.outer) for snap in run]
+    except (UserError, OSError) as error:
         print(f"eccentricity: {error}", file=sys.stderr)
         return 2
-    show = scene.units.show
+    show, show_time = run.units.show, run.units.show_time
     table = Table("time", "v_1", "e")
     for mode in modes:
-        table.add_row(scene.units.show_time(mode.time), show(mode.speed, "velocity"), f"{mode.eccentricity:.2e}")
+        table.add_row(show_time(mode.time), show(mode.speed, "velocity"), f"{mode.eccentricity:.2e}")
     Console(width=100).print(table)
     grows = growth_time(modes, given.low, given.high)
     if grows is None:
         print(f"no {LEAST} snapshots between e = {given.low:g} and {given.high:g}: no growth time")
     else:
-        print(f"{'grows' if grows > 0.0 else 'falls'} by a factor of e in {scene.units.show_time(abs(grows))}")
+        print(f"{'grows' if grows > 0.0 else 'falls'} by a factor of e in {show_time(abs(grows))}")
     return 0
 
 

@@ -34,7 +34,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from discsim import load_scene
+from discsim import open_run
 from discsim.formulas.companions import gap_width, hill_radius
 from discsim.output.companions import read_companions
 from discsim.output.drawing import figure_text
@@ -78,9 +78,9 @@ class Gap:
     """Profiles of a run, means over its last orbits, in units of the first snapshot's."""
 
     def __init__(self, directory: Path, orbits: float, over: Path | None = None) -> None:
-        files = snapshot_files(directory)
+        run = open_run(directory)
+        self.scene, files = run.scene, run.files
         self.first, last = read(files[0]), read(files[-1])
-        self.scene = load_scene(directory / "scene.toml")
         self._refuse_other_runs(directory, len(files))
         times, self.units = times_and_units(files)
         _, self.mass, self.axis = companion_at(directory, [last.time])

@@ -29,14 +29,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from discsim import Simulation
+from discsim import Simulation, open_run
 from discsim.output.results import display_unit, positive_number, print_fault, print_table, script_parser, write_table
-from discsim.output.snapshot import Snapshot, read_snapshot, snapshot_files
+from discsim.output.run import Run
+from discsim.output.snapshot import Snapshot
 from discsim.physics.centre import kepler_omega
 from discsim.physics.cooling import target_energy
 from discsim.plot.request import save
 from discsim.printable import UserError
-from discsim.scene import Scene, load_scene
+from discsim.scene import Scene
 
 RINGS = 24
 BLOCKS = 4
@@ -137,12 +138,12 @@ def figure(found: list[Rings], edges: np.ndarray, wanted: float | None) -> Figur
     return drawn
 
 
-def read(directory: Path) -> list[Snapshot]:
-    """Return the snapshots of a run of self-gravitating gas. Raises InputError, SnapshotError."""
-    run = [read_snapshot(file) for file in snapshot_files(directory)]
-    if run[0].gas is None or run[0].dimensions != 2 or "self_gravity" not in run[0].tables:
+def open_disc(directory: Path) -> Run:
+    """Return a run of self-gravitating gas. Raises InputError, SnapshotError, SceneError."""
+    run = open_run(directory)
+    if run.scene.gas is None or run.scene.space.dimensions != 2 or run.scene.table("self_gravity") is None:
         raise InputError(f"{directory}: no self-gravitating gas in two dimensions; expected a disc with [self_gravity]")
-    if "star" not in run[0].tables:
+    if run.scene.star is None:
         raise InputError(f"{directory}: no star to orbit; expected a disc with [star]")
     return run
 
@@ -214,16 +215,16 @@ def main(arguments: list[str] | None = None, prog: str | None = None) -> int:
     parser.add_argument("--times", action="store_true", help="print alpha for each snapshot too")
     given = parser.parse_args(arguments)
     try:
-        run = read(given.directory)
-        edges, scene = edges_of(run[0], given.inner, given.outer), load_scene(run[-1].tables)
-        orbit, balance = 2.0 * np.pi / float(kepler_omega(scene, 0.5 * (edges[0] + edges[-1]))), expected(scene)
-        found = [rings_of(snap, edges) for snap in run if snap.time > run[-1].time - given.orbits * orbit]
+        run = open_disc(given.directory)
+        last, edges = run[-1], edges_of(run[0], given.inner, given.outer)
+        orbit, balance = 2.0 * np.pi / float(kepler_omega(run.scene, 0.5 * (edges[0] + edges[-1]))), expected(run.scene)
+        found = [rings_of(snap, edges) for snap in run if snap.time > last.time - given.orbits * orbit]
         written = write(given.output or given.directory, found, edges, balance)
     except (UserError, OSError) as error:
         return print_fault("stress", error)
     if given.times:
-        show_times(run[-1], found, edges)
-    show(run[-1], found, edges, balance, orbit)
+        show_times(last, found, edges)
+    show(last, found, edges, balance, orbit)
     print("\n".join(str(path) for path in written))
     return 0
 

@@ -21,36 +21,29 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
+from discsim import open_run
 from discsim.output.bins import density_range
-from discsim.output.snapshot import Snapshot, SnapshotError, read_snapshot
+from discsim.output.snapshot import Snapshot
+from discsim.printable import UserError
 
 COLOURS = {"gas": "viridis", "dust": "inferno"}
 CURVES = 5  # times in the figure of profiles
 PIXELS = 480
 
 
-class InputError(Exception):
-    """Something the user can put right; the message says what."""
+class InputError(UserError):
+    """A run that has no surface density; the message has the reason."""
 
 
 class Run:
     """The snapshots of one run and its radial profiles, in the units of the figures."""
 
     def __init__(self, directory: Path, rings: int) -> None:
-        files = sorted((directory / "snapshots").glob("*.h5"))
-        if not files:
-            raise InputError(f"{directory}: no snapshots found; expected the output directory of a run")
-        self.name = directory.resolve().name
-        self.last = read_snapshot(files[-1])
+        snapshots = list(open_run(directory))
+        self.name, self.last = directory.resolve().name, snapshots[-1]
         if self.last.dimensions != 2:
             raise InputError(f"{directory}: a run in one dimension has no surface density")
-        first = read_snapshot(files[0])
-        self.edges = np.linspace(0, _reach(first), rings + 1)
-        snapshots = [
-            first,
-            *(read_snapshot(file) for file in files[1:-1]),
-            *([self.last] if files[1:] else []),
-        ]
+        self.edges = np.linspace(0, _reach(snapshots[0]), rings + 1)
         self.kinds = list(self.last.species)
         self.physical = self.last.units.system != "code"
         self.length = self._factor("length", "au")
@@ -190,7 +183,7 @@ def main(arguments: list[str] | None = None) -> int:
                 FigureCanvasAgg(figure)
                 figure.savefig(into / f"{run.name}-{name}.png", dpi=130)
             print(f"{directory}: {len(run.times)} snapshots -> {into}/{run.name}-*.png, {run.name}-profiles.csv")
-    except (InputError, SnapshotError, OSError) as error:
+    except (UserError, OSError) as error:
         print(f"surface_density: {error}", file=sys.stderr)
         return 2
     return 0

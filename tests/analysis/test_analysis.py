@@ -91,6 +91,7 @@ def write_disc(path, n=3000, time=0.0, kinds=("gas", "dust")):
 
 def make_run(directory, kinds=("gas", "dust"), count=3):
     (directory / "snapshots").mkdir(parents=True)
+    (directory / "scene.toml").write_text(load_scene(DISC).text)
     for index in range(count):
         write_disc(directory / "snapshots" / f"{index:04}.h5", time=30.0 * index, kinds=kinds)
     return directory
@@ -247,6 +248,7 @@ def test_surface_density_refuses(tmp_path, capsys, fault):
     run = tmp_path / "run"
     if fault != "absent":
         (run / "snapshots").mkdir(parents=True)
+        (run / "scene.toml").write_text(load_scene(WAVE).text)
     if fault == "damaged":
         (run / "snapshots" / "0000.h5").write_bytes(b"\x89HDF\r\n\x1a\n")
     if fault == "one dimension":

@@ -48,6 +48,7 @@ def run_of(directory, dust, gas=None):
     """A run's directory with snapshots at t = 0, 1, ... of the given dust positions, of mass .3."""
     scene = load_scene(SCENE)
     (directory / "snapshots").mkdir(parents=True)
+    (directory / "scene.toml").write_text(scene.text)
     for k, pos in enumerate(dust):
         clouds = even(2000, 1.0, 2.0) if gas is None else gas[k]
         file = directory / "snapshots" / f"{k:04d}.h5"
@@ -169,6 +170,7 @@ def test_stress_of_known_arms(tmp_path, capsys, winding):
     gas.vel = wave[:, None] * along + (r**-0.5 + wave)[:, None] * across
     gas.u, gas.sound_speed = np.full(len(r), 0.02), np.full(len(r), 0.1)
     (tmp_path / "snapshots").mkdir()
+    (tmp_path / "scene.toml").write_text(load_scene(HEAVY).text)
     write_snapshot(tmp_path / "snapshots" / "0000.h5", load_scene(HEAVY), 0.0, gas, None)
     module = script("stress")
     assert module.main([str(tmp_path), "--inner", "1.2", "--outer", "1.8"]) == 0
