@@ -190,6 +190,33 @@ def test_radius_of_a_pixel_is_that_of_the_grain_seen_in_it():
     np.testing.assert_allclose(sky.extent, (0.6, -0.6, -0.6, 0.6), rtol=1e-14)
 
 
+@pytest.mark.parametrize("quantity", ["intensity", "velocity"])
+def test_headers_pass_the_checks_of_astropy_and_have_the_keys_that_carta_reads(tmp_path, quantity):
+    """Nothing to repair in the header; pixel -> sky -> pixel to 1e-7 of a pixel; the beam in degrees."""
+    from astropy.io import fits
+    from astropy.wcs import WCS
+
+    pos, area = even_positions(6.0, 50.0, 30)
+    gas = particles(pos, area, vel=np.zeros_like(pos), temperature=np.full(len(pos), 20.0))
+    look = {"distance": D, "inclination": "37 deg", "beam": "0.2 arcsec,0.13 arcsec,-35 deg", "pixels": 64}
+    sky = snapshot(particles(pos, area), gas).image(quantity=quantity, position="16h27m10s -24d19m13s", **look)
+    sky.write(tmp_path / "map.fits")
+    with fits.open(tmp_path / "map.fits", checksum=True) as file:
+        file.verify("exception")
+        header = file[0].header
+    pixels, coordinates = np.random.default_rng(5).uniform(0, 63, (40, 2)), WCS(header)  # a repair is a warning
+    found = coordinates.all_world2pix(coordinates.all_pix2world(pixels, 0), 0)
+    np.testing.assert_allclose(found, pixels, atol=1e-7)
+    assert [header[f"CTYPE{axis}"] for axis in (1, 2)] == ["RA---SIN", "DEC--SIN"]
+    assert [header[f"CUNIT{axis}"] for axis in (1, 2)] == ["deg", "deg"] and header["RADESYS"] == "ICRS"
+    assert header["CDELT1"] < 0.0 < header["CDELT2"]
+    turn = (header["BPA"] - -35.0) % 180.0
+    assert (3600 * header["BMAJ"], 3600 * header["BMIN"], min(turn, 180.0 - turn)) == pytest.approx((0.2, 0.13, 0.0))
+    unit = {"intensity": u.Jy / u.beam, "velocity": u.km / u.s}[quantity]
+    assert u.Unit(header["BUNIT"], format="fits") == unit
+    assert ("RESTFRQ" in header) == (quantity == "intensity")
+
+
 def kepler_disc():
     """Gas on circular Kepler orbits about 0.7 Msun, which is the code unit of mass."""
     pos, area = even_positions(6.0, 50.0, 90)
