@@ -15,7 +15,7 @@ from discsim.output.fields.base import PlotError
 from discsim.output.fields.names import needed_columns
 from discsim.output.snapshot import Snapshot, SnapshotError, read_snapshot, snapshot_files
 from discsim.output.snapshot_entries import scene_text_of, tables_of, time_of, units_of
-from discsim.scene.orbits import mentions_orbits, time_of_text
+from discsim.scene.orbits import mentions_orbits, time_in_code_units
 from discsim.scene.units import UnitError, Units, clipped
 
 Source = Snapshot | str | Path
@@ -82,9 +82,7 @@ def time_in_code(given: Any, units: Units, scene_text: str, name: str) -> float:
     `scene_text` is the scene of the run as TOML, `name` the argument in messages.
     """
     try:
-        if isinstance(given, str):
-            return time_of_text(given, units, scene_text)
-        value = float(units.in_code(given, "time") if hasattr(given, "unit") else given)
+        value = time_in_code_units(given, units, scene_text)
     except UnitError as error:
         raise PlotError(f"{name}: {error}") from None
     except (TypeError, ValueError):

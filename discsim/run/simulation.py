@@ -47,7 +47,7 @@ from discsim.run.timestep import next_step
 from discsim.run.watch import Watch
 from discsim.scene import Scene, SceneError, load_scene
 from discsim.scene.differences import refuse_changed_scene
-from discsim.scene.orbits import time_of_text
+from discsim.scene.orbits import time_in_code_units
 from discsim.scene.summary import Rows, Summarised
 from discsim.scene.units import Units
 
@@ -253,9 +253,7 @@ class Simulation(Summarised):
             self.operators.close()
 
     def _time_in_code_units(self, time: Any) -> float:
-        if isinstance(time, str):
-            return time_of_text(time, self.units, self.scene.text)
-        return float(self.units.in_code(time, "time") if hasattr(time, "unit") else time)
+        return time_in_code_units(time, self.units, self.scene.text)
 
     def summary(self) -> tuple[str, Rows]:
         """Return the title of the scene, and rows (name, value): the time, the step and facts of the scene."""

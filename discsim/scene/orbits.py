@@ -221,11 +221,13 @@ def show_time(t: float, units: Units, scene_text: str) -> str:
     return units.show_time(t) + (f" ({orbit.count(t)})" if orbit else "")
 
 
-def time_of_text(text: str, units: Units, scene_text: str) -> float:
-    """Return a time like "500 yr" or "40 orbits at 5.2 au", in code units "3.5", in code units. Raises UnitError.
+def time_in_code_units(given: Any, units: Units, scene_text: str) -> float:
+    """Return a time in code units: of a text like "500 yr" or "40 orbits at 5.2 au", a Quantity, or a number.
 
-    scene_text: the scene of the run as TOML.
+    scene_text: the scene of the run as TOML. Raises UnitError, and TypeError or ValueError for any other object.
     """
-    if not mentions_orbits(text):
-        return units.of_text(text, "time")
-    return OrbitalPeriods(tomllib.loads(scene_text), units).parse(text)
+    if not isinstance(given, str):
+        return float(units.in_code(given, "time") if hasattr(given, "unit") else given)
+    if not mentions_orbits(given):
+        return units.of_text(given, "time")
+    return OrbitalPeriods(tomllib.loads(scene_text), units).parse(given)
