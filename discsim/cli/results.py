@@ -33,6 +33,29 @@ PopulationOption = Annotated[
     list[str] | None,
     typer.Option(metavar="NAME", help="Dust population to draw, by dust.name or number; may be repeated [all dust]."),
 ]
+CmapOption = Annotated[
+    str | None,
+    typer.Option(metavar="NAME", help='Colour map of matplotlib, or of cmasher like "cmr.rainforest" [by field].'),
+]
+StyleOption = Annotated[
+    str | None, typer.Option(metavar="NAME", help="Sizes and colours for a purpose: paper, slide or dark.")
+]
+DpiOption = Annotated[int | None, typer.Option(metavar="N", help="Pixels per inch, 30 to 1200.")]
+LogRadiusOption = Annotated[bool, typer.Option("--log-radius", help="Draw the radius on a logarithmic axis.")]
+ContoursOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="FIELD[=LEVELS]", help='Contour lines of a field, like "toomre_q=1,2", in the unit of the field.'
+    ),
+]
+StreamlinesOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="FRAME",
+        help="Streamlines of the velocity: scene, kepler (minus circular orbits), companion or companion.2 (rotating "
+        "with it).",
+    ),
+]
 
 MarkOption = Annotated[
     str | None,
@@ -97,6 +120,12 @@ def plot(
     wavelength: WavelengthOption = None,
     opacity: OpacityOption = None,
     mark: MarkOption = None,
+    cmap: CmapOption = None,
+    log_radius: LogRadiusOption = False,
+    contours: ContoursOption = None,
+    streamlines: StreamlinesOption = None,
+    style: StyleOption = None,
+    dpi: DpiOption = None,
     output: Annotated[
         Path | None, typer.Option("-o", "--output", metavar="FILE", help="Figure: png, pdf or svg [DIR/plots/...png].")
     ] = None,
@@ -115,9 +144,10 @@ def plot(
         fail(f"{' and '.join(given)} cannot be combined; keep one of these options")
     from discsim.output.fields.display import display_options
     from discsim.plot.request import Request, default_path, save
+    from discsim.plot.style import use_style
 
     kind = "phase" if against else given[0].removeprefix("--") if given else None
-    with exit_on_fault("written", "the figure"):
+    with exit_on_fault("written", "the figure"), use_style(style, "--"):
         request = Request(
             [*sources, *([compare] if compare else [])],
             field.split(",") if field else (),
@@ -126,10 +156,13 @@ def plot(
             against,
             compare is not None,
             population or (),
-            display_options(window, limits, distance, wavelength, opacity, mark=mark, prefix="--"),
-        )
+            display_options(
+                window, limits, distance, wavelength, opacity, mark=mark, prefix="--", cmap=cmap, log_radius=log_radius,
+                contours=contours, streamlines=streamlines,
+            ),
+        )  # fmt: skip
         path = output or default_path(request)
-        save(request.figure, path)
+        save(request.figure, path, dpi)
     show(path)
 
 
@@ -146,6 +179,12 @@ def movie(
     wavelength: WavelengthOption = None,
     opacity: OpacityOption = None,
     mark: MarkOption = None,
+    cmap: CmapOption = None,
+    log_radius: LogRadiusOption = False,
+    contours: ContoursOption = None,
+    streamlines: StreamlinesOption = None,
+    style: StyleOption = None,
+    dpi: DpiOption = None,
     output: Annotated[
         Path | None, typer.Option("-o", "--output", metavar="FILE", help="Film: mp4 or gif [DIR/plots/...].")
     ] = None,
@@ -153,12 +192,15 @@ def movie(
     """Make a film of a run, with one frame for each snapshot."""
     from discsim.output.fields.display import display_options
     from discsim.plot.film import Film, default_path
+    from discsim.plot.style import use_style
 
-    with exit_on_fault("written", "the figure"):
-        display = display_options(window, limits, distance, wavelength, opacity, mark=mark, prefix="--")
-        film = Film(
-            source, field.split(",") if field else (), "polar" if polar else "map", rate, display, population or ()
-        )
+    with exit_on_fault("written", "the figure"), use_style(style, "--"):
+        display = display_options(
+            window, limits, distance, wavelength, opacity, mark=mark, prefix="--", cmap=cmap, log_radius=log_radius,
+            contours=contours, streamlines=streamlines,
+        )  # fmt: skip
+        kind = "polar" if polar else "map"
+        film = Film(source, field.split(",") if field else (), kind, rate, display, population or (), dpi)
         path = output or default_path(film)
         film.save(path, _progress_reporter())
     show(path)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from discsim.cli.base import app, exit_on_fault, show
+from discsim.cli.results import CmapOption, DpiOption, StyleOption
 
 if TYPE_CHECKING:
     pass
@@ -74,6 +75,9 @@ def image(
         typer.Option(metavar="T", help='Time of the snapshot, like "700 yr"; the nearest snapshot is used [the last].'),
     ] = None,
     stretch: Annotated[str, typer.Option(help="Colour scale of intensities: linear, sqrt or log.")] = "linear",
+    cmap: CmapOption = None,
+    style: StyleOption = None,
+    dpi: DpiOption = None,
     output: Annotated[
         Path | None,
         typer.Option(
@@ -82,13 +86,14 @@ def image(
     ] = None,
 ) -> None:
     """Make images on the sky, as a figure and FITS files."""
+    from discsim.plot.style import use_style
     from discsim.sky.image import ImageOptions
     from discsim.sky.products import write_products
 
     given = {name: value for name, value in locals().items() if name in ImageOptions.__dataclass_fields__}
     del given["wavelength"]
 
-    with exit_on_fault("written", "the image"):
+    with exit_on_fault("written", "the image"), use_style(style, "--"):
         options = ImageOptions(**given, prefix="--")
-        paths = write_products(source, options, wavelength or ["1.3 mm"], at, output, stretch)
+        paths = write_products(source, options, wavelength or ["1.3 mm"], at, output, stretch, cmap, dpi)
     show("\n".join(str(path) for path in paths))

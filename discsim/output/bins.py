@@ -67,17 +67,17 @@ class SmoothRings:
     """Fine rings, or in 1D bins in x, over which each particle is spread by a Gaussian.
 
     `at` (n,) are the radii of the particles, or in 1D their positions. `ends` are the first and the last edge, and the
-    attribute `edges` (bins + 1,) has all edges. The standard deviation of a Gaussian is 0.6 times the local distance
-    between particles, n^(-1/2) for a number density n, in 1D 1/n. This reduces density variations that come from the
-    rings of particles in a quiet start to 0.1%.
+    attribute `edges` (bins + 1,) has all edges, which are equally spaced, with `log` in the logarithm. The standard
+    deviation of a Gaussian is 0.6 times the local distance between particles, n^(-1/2) for a number density n, in 1D
+    1/n. This reduces density variations that come from the rings of particles in a quiet start to 0.1%.
     """
 
-    def __init__(self, at: Array, ends: tuple[float, float], dimensions: int) -> None:
-        self.edges = np.linspace(*ends, FINE_BINS + 1)
+    def __init__(self, at: Array, ends: tuple[float, float], dimensions: int, log: bool = False) -> None:
+        self.edges = spaced_edges(*ends, FINE_BINS, log)
         self.measure = np.pi * np.diff(self.edges**2) if dimensions == 2 else np.diff(self.edges)
         self._bins = Rings(at, self.edges, self.measure)
         counts = self._bins.sum(np.ones(len(at)))
-        side = (ends[1] - ends[0]) / FINE_BINS
+        side = np.diff(self.edges)
         width = np.full(FINE_BINS, MAX_WIDTH * FINE_BINS)
         for _ in range(ITERATIONS):  # iterated, as the density depends on the width
             weight = _gaussian_weights(width, self.measure)
@@ -90,6 +90,11 @@ class SmoothRings:
 
     def has_enough_mass(self, mass: Array) -> Array:
         return mass / self.measure > 1e-3 * np.max(mass / self.measure, initial=0.0)
+
+
+def spaced_edges(low: float, high: float, count: int, log: bool = False) -> Array:
+    """Return edges (count + 1,) from `low` to `high`, equally spaced, with `log` in the logarithm."""
+    return np.geomspace(low, high, count + 1) if log else np.linspace(low, high, count + 1)
 
 
 def _gaussian_weights(width: Array, measure: Array) -> Array:
@@ -266,18 +271,21 @@ def square_pixels(pos: Array, window: tuple[Array, Array], pixels: int, periodic
     return PixelBins(len(pos), lambda part: pos[part], window, (nx, ny), (periodic, periodic))
 
 
-def polar_pixels(pos: Array, inner: float, outer: float, pixels: int) -> PixelBins:
+def polar_pixels(pos: Array, inner: float, outer: float, pixels: int, log: bool = False) -> PixelBins:
     """Return pixels [phi, r] between the radii `inner` and `outer` for particles at `pos` (n, 2).
 
-    The number of pixels is `pixels` along phi, from -pi to pi, and half as many along r.
+    The number of pixels is `pixels` along phi, from -pi to pi, and half as many along r; with `log` they are equally
+    spaced in log r.
     """
 
     def polar(part: slice) -> Array:
         x, y = pos[part].T
-        return np.stack([np.arctan2(y, x), np.hypot(x, y)], axis=1)
+        radius = np.hypot(x, y)
+        return np.stack([np.arctan2(y, x), np.log(np.maximum(radius, 1e-300)) if log else radius], axis=1)
 
     rings = pixels // 2
-    edges = np.linspace(inner, outer, rings + 1)
+    edges = spaced_edges(inner, outer, rings, log)
     area = np.broadcast_to(np.pi * np.diff(edges**2) / pixels, (pixels, rings))
-    window = np.array([-np.pi, inner]), np.array([np.pi, outer])
+    ends = np.log([inner, outer]) if log else np.array([inner, outer])
+    window = np.array([-np.pi, ends[0]]), np.array([np.pi, ends[1]])
     return PixelBins(len(pos), polar, window, (pixels, rings), (True, False), area)

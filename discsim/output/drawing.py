@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,12 +15,14 @@ from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.mathtext import MathTextParser
 from matplotlib.patheffects import withStroke
+from matplotlib.textpath import TextPath
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter, NullLocator
 
 from discsim.output.bins import RINGS, density_range
 from discsim.output.fields.base import UNIT_TEXT, Field
 from discsim.output.fields.names import field_label, field_named, of_population
 from discsim.output.fields.values import Window, fields_in_rings, has_centre
+from discsim.output.ink import contrast, line_scale, shade, text_scale
 from discsim.printable import printable
 
 if TYPE_CHECKING:
@@ -29,6 +32,7 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 DOLLAR = re.compile(r"(?<!\\)\$")  # a dollar sign that begins or ends mathematics
+MAX_BROKEN = 4  # largest number of lines into which a line of text is broken
 MAX_TEXT_WIDTH = 2000.0  # largest width in points of a line with mathematics; wider lines may exhaust the memory
 
 # Colours of Okabe & Ito (2008), which colour-blind readers can distinguish, and line styles for print without colour.
@@ -44,6 +48,7 @@ PLAIN_RANGE = (1e-4, 1e5)  # range of numbers that are written without a power o
 LEFT, RIGHT, BELOW, TITLE = 0.85, 0.25, 0.55, 0.9  # space left of, right of and below axes, and for titles
 COLUMN, MAP, ROW = 5.8, 3.9, 2.9  # pitch of maps, side of a map, pitch of profiles
 BAR = (0.08, 0.2)  # distance and width of a colour bar
+BAR_BELOW = (0.57, 0.14, 0.65)  # distance and width of a colour bar below axes, and the space that it adds there
 
 
 def figure_text(text: str) -> str:
@@ -52,6 +57,36 @@ def figure_text(text: str) -> str:
     if not DOLLAR.search(line) or (len(DOLLAR.findall(line)) % 2 == 0 and _can_typeset(line)):
         return line
     return DOLLAR.sub(r"\\$", line)
+
+
+def broken(line: str, width: float, size: float) -> list[str]:
+    """Return a line of text of a size in points as lines of at most `width` inches, broken outside mathematics.
+
+    The line is broken after commas, or at any space if a part between commas is too long.
+    """
+
+    def fits(text: str) -> bool:
+        return TextPath((0.0, 0.0), text, size=size).get_extents().width < 72.0 * width - size
+
+    if not line or fits(line):
+        return [line]
+    words = re.findall(r"(?:\\\$|\$[^$]*\$|\S)+", line)
+    parts = [" ".join(words[start:end]) for start, end in pairwise([0, *_after_commas(words), len(words)])]
+    found: list[str] = []
+    for word in parts if all(map(fits, parts)) else words:
+        if found and fits(f"{found[-1]} {word}"):
+            found[-1] += f" {word}"
+        elif len(found) == MAX_BROKEN:
+            found[-1] += " ..."
+            break
+        else:
+            found.append(word)
+    return found
+
+
+def _after_commas(words: Sequence[str]) -> list[int]:
+    """Return the indices of the words that follow a comma."""
+    return [index + 1 for index, word in enumerate(words[:-1]) if word.endswith(",")]
 
 
 def _can_typeset(line: str) -> bool:
@@ -123,7 +158,7 @@ class Picture:
     `x` and `y` are the first and last edge of the pixels along each axis, or all edges. `labels` are the labels of
     the axes, and `marks` the positions of star and companions. `scale` is the number of axis units per au (or per
     code unit of length) for a map in x and y, and None if the axes have different units. `overlays` are functions that
-    draw over the picture.
+    draw over the picture. `log_axis` is "x" or "y" if this axis is logarithmic.
     """
 
     snap: Snapshot
@@ -135,6 +170,7 @@ class Picture:
     marks: Sequence[Mark] = ()
     scale: float | None = None
     overlays: Sequence[Callable[[Axes], None]] = ()
+    log_axis: str = ""
 
     @property
     def field(self) -> Field:
@@ -164,11 +200,12 @@ def map_picture(binned: BinnedFields, name: str, window: Window, arcsec_per_au: 
 
 
 def draw_picture(
-    axes: Axes, picture: Picture, norm: Normalize, colours: str | None = None, bar: str | None = None
+    axes: Axes, picture: Picture, norm: Normalize, colours: Any = None, bar: str | None = None, below: bool = False
 ) -> None:
     """Draw a picture and its colour bar on `axes`.
 
-    The colour map `colours` and the label `bar` of the colour bar are by default those of the field.
+    The colour map `colours` and the label `bar` of the colour bar are by default those of the field. The colour bar
+    is to the right of the axes, or with `below` below them.
     """
     values, x, y = picture.values, picture.x, picture.y
     if isinstance(norm, LogNorm) and picture.field.kind == "density" and bar is None:
@@ -180,14 +217,18 @@ def draw_picture(
         shown: Any = axes.imshow(values, origin="lower", extent=extent, aspect=equal, interpolation="bilinear", **style)
     else:
         shown = axes.pcolormesh(x, y, values, rasterized=True, **style)
-    axes.set_facecolor("0.85")  # grey where the values are NaN
+    if picture.log_axis:
+        axes.set(**{f"{picture.log_axis}scale": "log"})
+        side, axis = (x, axes.xaxis) if picture.log_axis == "x" else (y, axes.yaxis)
+        set_log_ticks(axis, float(side[0]), float(side[-1]))
+    axes.set_facecolor(shade(0.15))  # grey where the values are NaN
     axes.set(xlabel=picture.labels[0], ylabel=picture.labels[1])
     for overlay in picture.overlays:
         overlay(axes)
     for mark_x, mark_y, star in picture.marks:
-        mark, size = ("*", 11) if star else ("o", 6)
+        mark, size = ("*", 11 * text_scale()) if star else ("o", 6 * text_scale())
         axes.plot(mark_x, mark_y, marker=mark, color="white", markeredgecolor="black", markersize=size)
-    draw_colour_bar(axes, shown, picture.text if bar is None else bar)
+    draw_colour_bar(axes, shown, picture.text if bar is None else bar, below)
 
 
 def body_marks(snap: Snapshot) -> list[Mark]:
@@ -205,13 +246,11 @@ def draw_scale_bar(axes: Axes, picture: Picture) -> None:
     bar = round_number(0.25 * side / (picture.scale or 1.0))  # length in the disc, also if the axes are angles
     x, y, long = left + 0.05 * side, picture.y[0] + 0.05 * side, bar * (picture.scale or 1.0)
     under = picture.values[: len(picture.values) // 8 : 8, : picture.values.shape[1] // 3 : 8]
-    rgb = axes.images[0].to_rgba(np.ma.masked_invalid(under))[..., :3]
-    is_light = np.where(np.isnan(under), 0.85, rgb.mean(axis=-1)).mean() > 0.5
-    colour, other = ("black", "white") if is_light else ("white", "black")
+    colour, other = contrast(axes.images[0], under)
     style: dict[str, Any] = {"color": colour, "path_effects": [withStroke(linewidth=1.5, foreground=other)]}
-    axes.plot([x, x + long], [y, y], lw=1.5, solid_capstyle="butt", **style)
+    axes.plot([x, x + long], [y, y], lw=1.5 * line_scale(), solid_capstyle="butt", **style)
     text = f"{bar:g} {unit}".strip()
-    axes.text(x + 0.5 * long, y + 0.015 * side, text, ha="center", va="bottom", fontsize=9, **style)
+    axes.text(x + 0.5 * long, y + 0.015 * side, text, ha="center", va="bottom", fontsize=9 * text_scale(), **style)
 
 
 def round_number(most: float) -> float:
@@ -220,14 +259,18 @@ def round_number(most: float) -> float:
     return float(power * max(n for n in (1.0, 2.0, 5.0) if n * power <= most * (1.0 + 1e-9)))
 
 
-def draw_colour_bar(axes: Axes, image: Any, label: str) -> None:
-    """Draw the colour bar of an image to the right of its axes."""
-    bar_axes = axes.inset_axes((1.0 + BAR[0] / MAP, 0.0, BAR[1] / MAP, 1.0))
-    figure = axes.figure
+def draw_colour_bar(axes: Axes, image: Any, label: str, below: bool = False) -> None:
+    """Draw the colour bar of an image to the right of its axes, or with `below` below them."""
+    figure, bar = axes.figure, (1.0 + BAR[0] / MAP, 0.0, BAR[1] / MAP, 1.0)
     assert isinstance(figure, Figure)
-    figure.colorbar(image, cax=bar_axes, label=label)
+    if below:
+        axes.apply_aspect()
+        height = axes.get_position().height * figure.get_size_inches()[1] / text_scale()
+        bar = (0.0, -(BAR_BELOW[0] + BAR_BELOW[1]) / height, 1.0, BAR_BELOW[1] / height)
+    bar_axes = axes.inset_axes(bar)
+    figure.colorbar(image, cax=bar_axes, label=label, orientation="horizontal" if below else "vertical")
     if isinstance(image.norm, LogNorm):
-        set_log_ticks(bar_axes.yaxis, image.norm.vmin, image.norm.vmax)
+        set_log_ticks(bar_axes.xaxis if below else bar_axes.yaxis, image.norm.vmin, image.norm.vmax)
 
 
 def set_log_ticks(axis: Axis, low: float | None, high: float | None) -> None:

@@ -56,6 +56,8 @@ class TimeProfile:
         Surface density, or mass-weighted mean, in each ring; NaN for too little mass.
     label : str
         Label of the values with their unit, as in figures.
+    log_radius : bool
+        Whether the rings are equally spaced in the logarithm of the radius.
     """
 
     name: str
@@ -63,6 +65,7 @@ class TimeProfile:
     radius: Any
     values: Any
     label: str
+    log_radius: bool = False
 
     def plot(self, ax: Axes | None = None, **style: Any) -> Axes:
         """Draw the profile at up to six times, spread evenly over the snapshots.
@@ -95,6 +98,8 @@ class TimeProfile:
             peaks = [np.nanmax(line.get_ydata(), initial=0.0) for line in ax.lines]
             if field_named(self.name).kind == "density" and max(peaks) > 0.0:  # a lone particle must not set the scale
                 ax.set_ylim(bottom=max(ax.get_ylim()[0], max(peaks) * 10**-plots.curves.MAX_DECADES), auto=None)
+        if self.log_radius:
+            ax.set_xscale("log")
         ax.grid(alpha=0.3)
         unit = f" [{self.radius.unit}]".replace("AU", "au") if str(self.radius.unit) else ""
         ax.set(xlabel=f"r{unit}", ylabel=self.label)
@@ -203,7 +208,8 @@ class Run(Summarised):
         window : str, Quantity or array_like, optional
             Range of radii like "80 au" or "10 au,80 au"; by default that of the disc in the first snapshot.
         **options
-            `wavelength` and `opacity` as in `Snapshot.field`.
+            `wavelength` and `opacity` as in `Snapshot.field`; with `log_radius=True` the rings are equally spaced in
+            the logarithm of the radius.
 
         Returns
         -------
@@ -215,7 +221,7 @@ class Run(Summarised):
         PlotError, FieldError, SnapshotError
             If an argument is invalid, the run lacks the field, or a snapshot cannot be read.
         """
-        files, display = self.files, display_options(window, **options)
+        files, display = self.files, display_options(window, **options).used_for("profile")
         if not files:
             raise PlotError(f"{printable(self.directory)}: no snapshots in this slice of the run")
         first = read_for_fields(files[0], matching_fields(field))
@@ -224,7 +230,7 @@ class Run(Summarised):
         middles = _axis_quantity(self.units, 0.5 * (edges[1:] + edges[:-1]), "length")
         found = field_named(name).quantity(first.units, values[name])
         times = _axis_quantity(self.units, np.array(self._times_of(files)), "time")
-        return TimeProfile(name, times, middles, found, field_label(name, first))
+        return TimeProfile(name, times, middles, found, field_label(name, first), display.log_radius)
 
     def plot(self, field: str, kind: str = "map", at: Any = None, ax: Axes | None = None, **options: Any) -> Axes:
         """Draw a field of the run.
@@ -326,7 +332,7 @@ def profiles_in_time(
     edges = np.empty(0)
     for path in files:
         snap = read_for_fields(path, names)
-        edges, binned = smooth_profile(snap, display.radii(first), display.optics)
+        edges, binned = smooth_profile(snap, display.radii(first), display.optics, display.log_radius)
         if visit is not None:
             visit(snap)
         rows.append([binned[name] for name in names])

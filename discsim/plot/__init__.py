@@ -19,14 +19,26 @@ from discsim.output.fields.display import DisplayOptions, display_options
 from discsim.output.fields.names import available_fields, field_named, field_rows, matching_fields, species_text
 from discsim.output.snapshot import Snapshot, snapshot_files
 from discsim.output.sources import Source, read_for_fields
-from discsim.plot import curves, marks, pictures
+from discsim.plot import curves, marks, overlays, pictures
 from discsim.plot.compose import colour_range
 from discsim.plot.film import Film, default_path
+from discsim.plot.style import use_style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["FieldError", "PlotError", "field_map", "fields", "movie", "phase", "polar_map", "profile", "time_map"]
+__all__ = [
+    "FieldError",
+    "PlotError",
+    "field_map",
+    "fields",
+    "movie",
+    "phase",
+    "polar_map",
+    "profile",
+    "time_map",
+    "use_style",
+]
 
 
 def field_map(source: Source, field: str = "gas.surface_density", ax: Axes | None = None, **options: Any) -> Axes:
@@ -111,7 +123,8 @@ def profile(source: Source, field: str = "surface_density", ax: Axes | None = No
     PlotError, FieldError, SnapshotError
         If an argument is invalid, the run lacks the field, or a snapshot cannot be read.
     """
-    snap, display, ax = read_for_fields(source, matching_fields(field)), display_options(**options), axes_or_new(ax)
+    display = display_options(**options).used_for("profile")
+    snap, ax = read_for_fields(source, matching_fields(field)), axes_or_new(ax)
     names = available_fields(field, snap)
     for name, curve in curves.profile_curves(snap, names, display).items():
         label = species_text(name, snap, of_each=snap.dimensions == 1)
@@ -150,10 +163,10 @@ def time_map(
         If an argument is invalid, the run lacks the field, or a snapshot cannot be read.
     """
     files = snapshot_files(source) if isinstance(source, str | Path) else list(source)
-    display, ax = display_options(**options), axes_or_new(ax)
+    display, ax = display_options(**options).used_for("time"), axes_or_new(ax)
     name = _first_name(field, read_for_fields(files[0], matching_fields(field)))
     picture = pictures.time_pictures(files, [name], display)[name]
-    draw_picture(ax, picture, colour_range(display, [picture]))
+    draw_picture(ax, picture, colour_range(display, [picture]), display.cmap)
     return ax
 
 
@@ -184,8 +197,9 @@ def phase(
     PlotError, FieldError, SnapshotError
         If an argument is invalid, the run lacks the field, or a snapshot cannot be read.
     """
+    display = display_options(**options).used_for("phase")
     snap, ax = read_for_fields(source, [*matching_fields(field), *matching_fields(against)]), axes_or_new(ax)
-    curves.draw_phase(ax, snap, _first_name(field, snap), _first_name(against, snap), display_options(**options))
+    curves.draw_phase(ax, snap, _first_name(field, snap), _first_name(against, snap), display)
     return ax
 
 
@@ -236,11 +250,12 @@ def fields() -> list[tuple[str, str, str]]:
 
 def _draw_picture(source: Source, field: str, ax: Axes | None, display: DisplayOptions, kind: str) -> Axes:
     """Draw a field as a picture of the given kind, a key of PICTURE_MAKERS; return the axes."""
-    snap, ax = read_for_fields(source, matching_fields(field)), axes_or_new(ax)
+    wanted = [*matching_fields(field), *overlays.needed_fields(display.used_for(kind))]
+    snap, ax = read_for_fields(source, wanted), axes_or_new(ax)
     name = _first_name(field, snap)
     start = marks.start_snapshot(source, snap, [name], kind, display)
     picture = marks.annotated(pictures.PICTURE_MAKERS[kind](snap, [name], display), kind, display, start)[name]
-    draw_picture(ax, picture, colour_range(display, [picture]))
+    draw_picture(ax, picture, colour_range(display, [picture]), display.cmap)
     if picture.scale is not None:
         draw_scale_bar(ax, picture)
     return ax

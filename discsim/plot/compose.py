@@ -13,6 +13,7 @@ from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 
 from discsim.output.drawing import (
+    BAR_BELOW,
     BELOW,
     COLOURS,
     COLUMN,
@@ -24,6 +25,7 @@ from discsim.output.drawing import (
     TOTAL_COLOUR,
     Picture,
     axes_at,
+    broken,
     common_norm,
     draw_picture,
     draw_scale_bar,
@@ -43,24 +45,27 @@ from discsim.output.fields.names import (
     split_population,
     with_populations,
 )
+from discsim.output.ink import text_scale
 from discsim.output.populations import population_of
 from discsim.output.snapshot import Snapshot
 from discsim.output.sources import NamedSnapshot
-from discsim.plot import curves, marks, pictures
+from discsim.plot import curves, marks, overlays, pictures, style
 
 MAX_PANELS_PER_ROW = 3  # in a figure of one run
 PROFILE_WIDTH = 1.25  # width of a profile in units of the width of a map
+MIN_SIDE = 1.0  # smallest side of a map, in inches
 # Colours of Okabe & Ito (2008).
 RUN_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 Norms = Mapping[str, Normalize]
-Panel = Callable[[Axes], None]
+Panel = Callable[[Axes, bool], None]  # draws on axes, with True for a colour bar below them
 
 
 @dataclass
 class PanelFigure:
     """A figure with rows of panels. A panel is a function that draws on the axes that it gets.
 
-    `notes` are lines of text below the title.
+    `notes` are lines of text below the title. A figure with one panel, and one in a style with a width, has the colour
+    bar below the axes, so that a phone shows it with legible text.
     """
 
     title: str
@@ -70,23 +75,46 @@ class PanelFigure:
     has_titles: bool = False  # whether panels have titles
     extra_space: float = 0.0  # additional space between panels, in inches
 
-    def figure(self) -> Figure:
-        """Return the figure, with a canvas that does not depend on pyplot."""
-        pitch = COLUMN + (self.width - 1.0) * MAP + self.extra_space
-        row = MAP + BELOW + (0.5 if self.has_titles else 0.25)
-        most = max(len(panels) for panels in self.rows)
-        lines = self.title.count("\n") + 1 + len(self.notes) if self.title or self.notes else 0
-        top = 0.2 + 0.22 * lines + (0.25 if self.has_titles else 0.0)
-        width = pitch * most + (0.2 if self.width == 1.0 else RIGHT - 0.9)
-        figure = Figure(figsize=(width, row * (len(self.rows) - 1) + MAP + BELOW + top))
+    @property
+    def is_single(self) -> bool:
+        """Whether the figure has one panel."""
+        return len(self.rows) == 1 and len(self.rows[0]) == 1
+
+    def figure(self, dpi: int | None = None) -> Figure:
+        """Return the figure, with a canvas that does not depend on pyplot; by default `dpi` is that of the style."""
+        look, text = style.current(), text_scale()
+        below = self.is_single or look.several is not None
+        has_bar = below and self.width != PROFILE_WIDTH
+        most, down = max(len(panels) for panels in self.rows), len(self.rows)
+        left = (LEFT - 0.1 if below else LEFT) * text
+        right = (0.15 if below else COLUMN - MAP - LEFT + self.extra_space) * text
+        under = (BELOW + (BAR_BELOW[2] if has_bar else 0.0)) * text
+        between = (0.5 if self.has_titles else 0.25) * text  # above the axes of a row
+        end = 0.1 if below else 0.2 if self.width == 1.0 else RIGHT - 0.9
+        total = (look.one if self.is_single else look.several) or 0.0
+        lines = self._lines(total if below else most * (left + MAP * self.width + right) + end)
+        top = (0.2 + look.line * len(lines) + (0.25 if self.has_titles else 0.0)) * text
+        side = MAP
+        if below:
+            side = ((total - end * text) / most - left - right) / self.width
+            side = max(min(side, (look.height - top - between * (down - 1)) / down - under), MIN_SIDE)
+        pitch, row = left + side * self.width + right, side + under + between
+        size = (pitch * most + end * text, row * (down - 1) + side + under + top)
+        figure = Figure(figsize=size, dpi=dpi or look.resolution(self.is_single))
         FigureCanvasAgg(figure)
-        for down, panels in enumerate(self.rows):
-            bottom = BELOW + row * (len(self.rows) - 1 - down)
+        for number, panels in enumerate(self.rows):
+            bottom = under + row * (down - 1 - number)
             for across, panel in enumerate(panels):
-                panel(axes_at(figure, LEFT + pitch * across, bottom, MAP * self.width, MAP))
-        text = "\n".join(line for line in (self.title, *self.notes) if line)
-        figure.suptitle(text, y=1.0 - 0.12 / figure.get_size_inches()[1], va="top", fontsize=12)
+                panel(axes_at(figure, left + pitch * across, bottom, side * self.width, side), below)
+        figure.suptitle("\n".join(lines), y=1.0 - 0.12 * text / size[1], va="top", fontsize=12 * text)
         return figure
+
+    def _lines(self, width: float) -> list[str]:
+        """Return the lines of title and notes, broken where they are longer than a width in inches."""
+        lines = [line for text in (self.title, *self.notes) for line in text.split("\n") if line]
+        size = 12 * text_scale()
+        # The line with the time stays whole, so that all frames of a film have the same size.
+        return [part for line in lines for part in ([line] if line.startswith("t = ") else broken(line, width, size))]
 
 
 def available_names(
@@ -151,10 +179,14 @@ def picture_panels(
     MAX_PANELS_PER_ROW panels. `compare` adds a column with the ratio or difference of two runs.
     """
     rows = []
+    pictures_by_run = overlays.with_common_levels(pictures_by_run)
+    norms = norms or colour_ranges(display, pictures_by_run)
     for name in pictures_by_run[0]:
         of_runs = [each[name] for each in pictures_by_run]
-        norm = (norms or {}).get(name) or colour_range(display, of_runs)
-        row = [_picture_panel(picture, norm, title) for picture, title in zip(of_runs, titles, strict=True)]
+        row = [
+            _picture_panel(picture, norms[name], title, display.cmap)
+            for picture, title in zip(of_runs, titles, strict=True)
+        ]
         if compare:
             change, between, label = pictures.comparison(*of_runs)
             row.append(_picture_panel(change, between, f"{titles[1]} against {titles[0]}", "RdBu_r", label))
@@ -170,6 +202,29 @@ def _in_rows(panels: Sequence[Panel], across: int) -> list[list[Panel]]:
     return [list(panels[k : k + across]) for k in range(0, len(panels), across)]
 
 
+def colour_ranges(display: DisplayOptions, pictures_by_run: Sequence[Mapping[str, Picture]]) -> dict[str, Normalize]:
+    """Return the colour range of each field in pictures of several runs.
+
+    All populations of a field have one range, which contains the ranges of all, so that colours can be compared.
+    """
+    groups: dict[str, list[list[Picture]]] = {}
+    for name in pictures_by_run[0]:
+        groups.setdefault(split_population(name)[1], []).append([each[name] for each in pictures_by_run])
+    ranges = {name: _common_range(display, group) for name, group in groups.items()}
+    return {name: ranges[split_population(name)[1]] for name in pictures_by_run[0]}
+
+
+def _common_range(display: DisplayOptions, groups: Sequence[Sequence[Picture]]) -> Normalize:
+    """Return one colour range for the pictures of several populations."""
+    found = [colour_range(display, group) for group in groups]
+    if len(found) == 1 or len({type(norm) for norm in found}) > 1:
+        return colour_range(display, [picture for group in groups for picture in group])
+    low, high = min(float(norm.vmin or 0.0) for norm in found), max(float(norm.vmax or 0.0) for norm in found)
+    if isinstance(found[0], LogNorm):
+        return LogNorm(max(low, high * 10**-curves.MAX_DECADES), high, clip=True)
+    return Normalize(low, high, clip=True)
+
+
 def colour_range(display: DisplayOptions, of_field: Sequence[Picture]) -> Normalize:
     """Return the colour range for pictures of one field: `display.limits`, or without limits that of `common_norm`."""
     if display.limits is None:
@@ -179,16 +234,14 @@ def colour_range(display: DisplayOptions, of_field: Sequence[Picture]) -> Normal
     return LogNorm(low, high, clip=True) if is_log else Normalize(low, high, clip=True)
 
 
-def _picture_panel(
-    picture: Picture, norm: Normalize, title: str, colours: str | None = None, bar: str | None = None
-) -> Panel:
+def _picture_panel(picture: Picture, norm: Normalize, title: str, colours: Any = None, bar: str | None = None) -> Panel:
     """Return a panel that draws a picture; `colours` and `bar` replace the colour map and the label of the field."""
 
-    def panel(axes: Axes) -> None:
-        draw_picture(axes, picture, norm, colours, bar)
-        if picture.scale is not None and colours is None:
+    def panel(axes: Axes, below: bool) -> None:
+        draw_picture(axes, picture, norm, colours, bar, below)
+        if picture.scale is not None and bar is None:
             draw_scale_bar(axes, picture)
-        axes.set_title(title, fontsize=10)
+        axes.set_title(title, fontsize=10 * text_scale())
 
     return panel
 
@@ -206,7 +259,7 @@ def profile_panels(
     found = [curves.profile_curves(snap, unique_names(names), display) for snap in snaps]
 
     def panel(several: Sequence[str]) -> Panel:
-        def draw_all(axes: Axes) -> None:
+        def draw_all(axes: Axes, below: bool) -> None:
             for number, (snap, curve, title) in enumerate(zip(snaps, found, titles, strict=True)):
                 for name in several:
                     style = _line_style(name, snap, number, several, title, len(snaps))
@@ -250,9 +303,9 @@ def phase_panels(
     """
 
     def panel(snap: Snapshot, name: str, title: str) -> Panel:
-        def draw_one(axes: Axes) -> None:
-            curves.draw_phase(axes, snap, name, _name_for_species(against, name), display)
-            axes.set_title(title, fontsize=10)
+        def draw_one(axes: Axes, below: bool) -> None:
+            curves.draw_phase(axes, snap, name, _name_for_species(against, name), display, below)
+            axes.set_title(title, fontsize=10 * text_scale())
 
         return draw_one
 

@@ -14,6 +14,7 @@ from discsim.output.fields.base import Field, PlotError
 from discsim.output.fields.display import DisplayOptions
 from discsim.output.fields.names import field_label, field_named, of_population, species_text, split_population
 from discsim.output.fields.values import smooth_profile
+from discsim.output.ink import line_colour, line_scale, text_scale
 
 if TYPE_CHECKING:
     from discsim.output.snapshot import Snapshot
@@ -27,7 +28,7 @@ def profile_curves(snap: Snapshot, names: Sequence[str], display: DisplayOptions
     """Return for each field a curve (radii, values), or in 1D (x, values) of the particles, in the units of axes."""
     if snap.dimensions == 1:
         return {name: points_1d(snap, name) for name in names}
-    edges, binned = smooth_profile(snap, display.radii(snap), display.optics)
+    edges, binned = smooth_profile(snap, display.radii(snap), display.optics, display.log_radius)
     radius = axis_unit(snap, "length")[0] * 0.5 * (edges[1:] + edges[:-1])
     return {name: (radius, field_named(name).factor(snap.units) * binned[name]) for name in names}
 
@@ -39,6 +40,8 @@ def draw_curve(axes: Axes, snap: Snapshot, curve: tuple[Array, Array], field: Fi
         values = np.where(values > 0, values, np.nan)
     if snap.dimensions == 1:
         style = {**style, "ls": "none", "marker": ".", "ms": 3}
+    if "color" in style:
+        style["color"] = line_colour(style["color"])
     axes.plot(x, values, **style)
 
 
@@ -48,6 +51,9 @@ def finish_profile(axes: Axes, snap: Snapshot, names: Sequence[str], display: Di
     low, high = display.radii(snap)
     axes.set(xlabel=f"{'r' if snap.dimensions == 2 else 'x'}{unit}", xlim=(length * low, length * high))
     of_all = len(set(axes.get_legend_handles_labels()[1])) > 1 and len(names) > 1
+    if display.log_radius:
+        axes.set_xscale("log")
+        set_log_ticks(axes.xaxis, length * low, length * high)
     label = field_label(names[0], snap, of_all, of_each=snap.dimensions == 1)
     if axes.get_ylabel() not in ("", label):  # axes with curves of another species or population
         label = field_label(names[0], snap, of_all=True)
@@ -64,10 +70,12 @@ def finish_profile(axes: Axes, snap: Snapshot, names: Sequence[str], display: Di
     if axes.get_yscale() == "log":
         set_log_ticks(axes.yaxis, *axes.get_ylim())
     if field.scale == "signed":
-        axes.axhline(0.0, color="0.5", lw=0.8, zorder=0)
+        axes.axhline(0.0, color="0.5", lw=0.8 * line_scale(), zorder=0)
     axes.grid(alpha=0.3)
     if len(axes.get_legend_handles_labels()[0]) > 1:
-        axes.legend(framealpha=0.85, edgecolor="none", fontsize=9)  # over marks, if there is no free space
+        axes.legend(
+            framealpha=0.85, edgecolor="none", fontsize=9 * text_scale()
+        )  # over marks, if there is no free space
 
 
 def _decades_spanned(shown: Sequence[Array]) -> float:
@@ -76,10 +84,13 @@ def _decades_spanned(shown: Sequence[Array]) -> float:
     return float(np.log10(values.max() / values.min())) if values.size and values.min() > 0 else 0.0
 
 
-def draw_phase(axes: Axes, snap: Snapshot, name: str, against: str, display: DisplayOptions) -> None:
+def draw_phase(
+    axes: Axes, snap: Snapshot, name: str, against: str, display: DisplayOptions, below: bool = False
+) -> None:
     """Draw the distribution of particle mass over the fields `against` (x) and `name` (y). Raises PlotError.
 
-    An axis is logarithmic if its field has a logarithmic scale and spans more than a factor of 3.
+    An axis is logarithmic if its field has a logarithmic scale and spans more than a factor of 3. The colour bar is to
+    the right of the axes, or with `below` below them.
     """
     fields = field_named(against), field_named(name)
     for each, field in zip((against, name), fields, strict=True):
@@ -101,13 +112,13 @@ def draw_phase(axes: Axes, snap: Snapshot, name: str, against: str, display: Dis
     fraction = np.where(total > 0, total, np.nan)
     seen = fraction[np.isfinite(fraction)]
     norm = LogNorm(max(seen.min(), 1e-5 * seen.max()), seen.max(), clip=True) if seen.size else LogNorm(0.1, 1.0)
-    image = axes.pcolormesh(*edges, fraction.T, norm=norm, cmap="viridis", rasterized=True)
+    image = axes.pcolormesh(*edges, fraction.T, norm=norm, cmap=display.cmap or "viridis", rasterized=True)
     for axis, field, ends in ((axes.xaxis, fields[0], edges[0]), (axes.yaxis, fields[1], edges[1])):
         if _is_log(field, ends):
             getattr(axes, f"set_{axis.axis_name}scale")("log")
             set_log_ticks(axis, ends[0], ends[-1])
     axes.set(xlabel=fields[0].text(snap.units), ylabel=field_label(name, whole, of_each=True))
-    draw_colour_bar(axes, image, f"mass fraction of {species_text(name, whole, of_each=True)}")
+    draw_colour_bar(axes, image, f"mass fraction of {species_text(name, whole, of_each=True)}", below)
 
 
 def _is_log(field: Field, edges: Array) -> bool:

@@ -23,13 +23,13 @@ from discsim.output.files import refuse_special, replace_atomically
 from discsim.output.snapshot import snapshot_files
 from discsim.output.sources import NamedSnapshot, read_for_fields, run_directory, run_name, times_and_units
 from discsim.parts import install_command
-from discsim.plot import compose, marks, pictures
+from discsim.plot import compose, marks, overlays, pictures, style
 from discsim.plot.compose import PanelFigure
 from discsim.plot.request import file_stem
 
 SNAPSHOTS_FOR_RANGE = 12  # largest number of snapshots that determine the colour ranges
 PIXELS_FOR_RANGE = 160  # pixels per side of the maps that determine the colour ranges
-DPI = 110
+RESOLUTION = 110 / 130  # pixels per inch of a frame, relative to those of a figure
 ReportFrame = Callable[[int, int], None]  # called with the number of finished frames and the number of all frames
 
 
@@ -38,7 +38,7 @@ class Film:
     """A film of the run in the directory `source`.
 
     `words` are names of fields, `kind` is a key of PICTURE_MAKERS, and `rate` is in frames per second. `populations`
-    are names or numbers of dust populations, of which the fields of dust are drawn.
+    are names or numbers of dust populations, of which the fields of dust are drawn. `dpi` are the pixels per inch.
     """
 
     source: Path
@@ -47,13 +47,19 @@ class Film:
     rate: float = 10.0
     display: DisplayOptions = field(default_factory=DisplayOptions)
     populations: Sequence[str] = ()
+    dpi: int | None = None
 
     def save(self, path: Path, report_frame: ReportFrame | None = None) -> int:
         """Write the film to `path`, and return the number of frames. The file appears when it is complete.
 
         `report_frame` is called after each frame. Raises PlotError, FieldError, SnapshotError, OSError.
         """
-        writer = writer_of(path)
+        writer, dpi = writer_of(path), style.checked_dpi(self.dpi, self.display.prefix)
+        self.display.used_for(self.kind)
+        if self.display.contours is not None and not self.display.contours[1]:
+            word = self.display.contours[0]
+            wanted = f'a film needs levels, which are the same in all frames; give "{word}=LEVEL,..."'
+            raise PlotError(f"{self.display.prefix}contours: {word}: {wanted}")
         refuse_special(path)
         files = snapshot_files(self.source)
         if len(files) < 2:
@@ -63,31 +69,37 @@ class Film:
             )
         if times_and_units(files[:1])[1].dimensions == 1:
             raise PlotError(f"{self.source}: a run in one dimension has no map to film; use `discsim plot --time`")
-        frames = self._frames(files, report_frame)
+        frames = self._frames(files, report_frame, dpi)
         path.parent.mkdir(parents=True, exist_ok=True)
         with replace_atomically(path, path.suffix) as temporary:
             writer(temporary, frames, self.rate)
         return len(files)
 
-    def _frames(self, files: Sequence[Path], report_frame: ReportFrame | None) -> Iterator[Image.Image]:
+    def _frames(
+        self, files: Sequence[Path], report_frame: ReportFrame | None, dpi: int | None
+    ) -> Iterator[Image.Image]:
         """Yield the frame of each snapshot in `files`."""
         words = list(self.words) or compose.default_words(2)
         wanted = compose.matching_names(words, self.populations)
-        last = read_for_fields(files[-1], wanted)
+        more = overlays.needed_fields(self.display)
+        last = read_for_fields(files[-1], [*wanted, *more])
         names = compose.unique_names(compose.available_names(words, [last], self.populations))
         # One window for all frames; it contains the windows of the first and the last snapshot.
         display = self.display.common_to([read_for_fields(files[k], names) for k in (0, -1)], self.kind)
         start = marks.start_snapshot(files[-1], last, names, self.kind, display)
-        norms = self._colour_ranges(files, names, display)
+        norms = self._colour_ranges(files, names, replace(display, contours=None, streamlines=None))
         for number, file in enumerate(files, 1):
-            snap = read_for_fields(file, names)
+            snap = read_for_fields(file, [*names, *more])
             head, titles = compose.titles_of([snap], [NamedSnapshot(file, run_name(self.source))])
             made = pictures.PICTURE_MAKERS[self.kind](snap, names, display)
             made = marks.annotated(made, self.kind, display, start)
             rows = compose.picture_panels([made], titles, display, norms)
             content = io.BytesIO()
             board = PanelFigure(head, rows, notes=compose.note_lines(names, display))
-            board.figure().savefig(content, format="png", dpi=DPI, pil_kwargs={"compress_level": 1})
+            figure = board.figure()
+            resolution = dpi or round(figure.dpi * RESOLUTION)
+            style.check_pixels(figure.get_size_inches(), resolution, is_frame=True)
+            figure.savefig(content, format="png", dpi=resolution, pil_kwargs={"compress_level": 1})
             if report_frame is not None:
                 report_frame(number, len(files))
             yield Image.open(content).convert("RGB")
@@ -99,7 +111,7 @@ class Film:
         chosen = np.unique(np.linspace(0, len(files) - 1, SNAPSHOTS_FOR_RANGE).round().astype(int))
         make, coarse = pictures.PICTURE_MAKERS[self.kind], replace(display, pixels=PIXELS_FOR_RANGE)
         seen = [make(read_for_fields(files[k], names), names, coarse) for k in chosen]
-        return {name: compose.colour_range(display, [each[name] for each in seen]) for name in names}
+        return compose.colour_ranges(display, seen)
 
 
 def default_path(film: Film) -> Path:

@@ -189,7 +189,8 @@ def annotated(
         draw(axes, [(length * radius, style) for radius, style in rings], circles)
 
     bodies = picture.marks if "bodies" in marks else ()
-    return {name: replace(each, overlays=[_within_limits(overlay)], marks=bodies) for name, each in made.items()}
+    over = _within_limits(overlay)
+    return {name: replace(each, overlays=[*each.overlays, over], marks=bodies) for name, each in made.items()}
 
 
 def _shown_spans(

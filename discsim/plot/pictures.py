@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.colors import LogNorm, Normalize
 
+from discsim.output.bins import spaced_edges
 from discsim.output.drawing import Picture, axis_unit, body_marks, map_picture
 from discsim.output.fields.base import PlotError
 from discsim.output.fields.display import DisplayOptions
@@ -17,7 +18,7 @@ from discsim.output.fields.names import field_named
 from discsim.output.fields.values import fields_on_pixels, fields_on_polar_pixels, inner_radius
 from discsim.output.run import profiles_in_time
 from discsim.output.sources import read_for_fields, times_and_units
-from discsim.plot import marks
+from discsim.plot import marks, overlays
 from discsim.scene.orbits import stated_orbit
 
 if TYPE_CHECKING:
@@ -32,26 +33,36 @@ def map_pictures(snap: Snapshot, names: Sequence[str], display: DisplayOptions) 
     _require_two_dimensions(snap)
     window = display.map_window(snap)
     binned = fields_on_pixels(snap, window, display.pixels, display.optics)
-    return {name: map_picture(binned, name, window, display.arcsec_per_au(snap.units)) for name in names}
+    made = {name: map_picture(binned, name, window, display.arcsec_per_au(snap.units)) for name in names}
+    return {name: overlays.over_pixels(picture, binned, display) for name, picture in made.items()}
 
 
 def polar_pictures(snap: Snapshot, names: Sequence[str], display: DisplayOptions) -> Pictures:
     """Return pictures of the fields `names` in azimuth and radius. Raises PlotError in 1D."""
     _require_two_dimensions(snap)
     inner, outer = display.radii(snap, 0.9 * inner_radius(snap))
-    binned = fields_on_polar_pixels(snap, inner, outer, display.pixels, display.optics)
+    binned = fields_on_polar_pixels(snap, inner, outer, display.pixels, display.optics, display.log_radius)
     length, unit = axis_unit(snap, "length")
     sides = np.array([-180.0, 180.0]), length * np.array([inner, outer])
+    if display.log_radius:
+        sides = (
+            np.linspace(-180.0, 180.0, display.pixels + 1),
+            length * spaced_edges(inner, outer, display.pixels // 2, log=True),
+        )
     labels = r"$\varphi$ [deg]", f"r{unit}"
     bodies = [
         (float(np.degrees(np.arctan2(y, x))), float(np.hypot(x, y)), False)
         for x, y, star in body_marks(snap)
         if not star and inner <= np.hypot(x, y) / length <= outer
     ]
-    return {
-        name: Picture(snap, name, field_named(name).factor(snap.units) * binned[name].T, *sides, labels, bodies)
+    made = {
+        name: Picture(
+            snap, name, field_named(name).factor(snap.units) * binned[name].T, *sides, labels, bodies,
+            log_axis="y" if display.log_radius else "",
+        )
         for name in names
-    }
+    }  # fmt: skip
+    return {name: overlays.over_pixels(picture, binned, display, polar=True) for name, picture in made.items()}
 
 
 # Functions that return the pictures of a snapshot, by kind.
@@ -69,20 +80,29 @@ def time_pictures(
     By default the range of radii is that of the disc in the first snapshot. With `in_orbits`, the unit of time is the
     orbit of run.until or run.every, if the scene gives one of them in orbits.
     """
-    first = read_for_fields(files[0], names)
+    first = read_for_fields(files[0], [*names, *overlays.needed_fields(display)])
     in_time = marks.TimeMarks(first, display)
-    edges, values = profiles_in_time(files, names, display, in_time.visit)
+    lines = {name: overlays.contour_field(display, name, first) for name in names}
+    every = list(dict.fromkeys([*names, *(name for name in lines.values() if name)]))
+    edges, values = profiles_in_time(files, every, display, in_time.visit)
     (length, unit), (year, time_unit) = axis_unit(first, "length"), axis_unit(first, "time")
     if in_orbits and (orbit := stated_orbit(first.scene_text, first.units)):
         year, time_unit = 1.0 / orbit.period, f" [{orbit.unit}]"
     between = year * time_edges(np.array(times_and_units(files)[0]))
     labels = f"{'r' if first.dimensions == 2 else 'x'}{unit}", f"t{time_unit}"
     made = {
-        name: Picture(first, name, field_named(name).factor(first.units) * each, length * edges, between, labels)
-        for name, each in values.items()
+        name: Picture(
+            first, name, field_named(name).factor(first.units) * values[name], length * edges, between, labels
+        )
+        for name in names
     }
-    overlays = [in_time.overlay(length, year)]
-    return {name: replace(picture, overlays=overlays) for name, picture in made.items()}
+    axis = "x" if display.log_radius else ""
+    made = {name: replace(picture, log_axis=axis) for name, picture in made.items()}
+    over = in_time.overlay(length, year)
+    return {
+        name: replace(picture, overlays=[*overlays.contours_over(picture, line, values[line or name], display), over])
+        for (name, picture), line in zip(made.items(), lines.values(), strict=True)
+    }
 
 
 def time_edges(times: Array) -> Array:
@@ -113,7 +133,7 @@ def comparison(one: Picture, other: Picture) -> tuple[Picture, Normalize, str]:
         raise PlotError(
             "the two runs cover different times or regions; choose runs with equal snapshot times and regions"
         )
-    field = one.field
+    field, one = one.field, replace(one, overlays=())
     if field.scale == "log":
         low = 1e-3 * max(np.nanmax(one.values), np.nanmax(other.values), 1e-300)
         seen = (one.values > low) & (other.values > low) if field.kind == "density" else one.values > 0
@@ -121,7 +141,11 @@ def comparison(one: Picture, other: Picture) -> tuple[Picture, Normalize, str]:
         most = float(np.nanquantile(np.abs(np.log(values)), 0.99)) if seen.any() else 1.0
         most = float(np.clip(most, np.log(1.05), 5.0))
         name = one.text.partition(" [")[0]
-        return replace(one, values=values), LogNorm(np.exp(-most), np.exp(most), clip=True), f"ratio of {name}"
+        return (
+            replace(one, values=values, overlays=()),
+            LogNorm(np.exp(-most), np.exp(most), clip=True),
+            f"ratio of {name}",
+        )
     values = other.values - one.values
     ends = np.abs(values[np.isfinite(values)])
     most = float(np.quantile(ends, 0.99)) if ends.size else 1.0

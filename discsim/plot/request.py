@@ -21,7 +21,7 @@ from discsim.output.sources import (
     select_snapshots,
     times_and_units,
 )
-from discsim.plot import compose, marks, pictures
+from discsim.plot import compose, marks, overlays, pictures, style
 from discsim.plot.compose import PanelFigure
 from discsim.scene.orbits import stated_orbit
 from discsim.version import __version__
@@ -87,6 +87,7 @@ class Request:
         names, snaps = self._read_snapshots([each.path for each in found])
         head, titles = compose.titles_of(snaps, found)
         kind = self.kind or ("map" if snaps[0].dimensions == 2 else "profile")
+        self.display.used_for(kind)
         if self.compare and kind in ("profile", "phase"):
             raise PlotError(
                 "--compare: used only for maps, --polar and --time; remove --compare, and give the two runs as DIR DIR"
@@ -124,6 +125,7 @@ class Request:
 
     def _panels_against_time(self) -> PanelFigure:
         """Return the panels of a figure against time. Raises PlotError."""
+        self.display.used_for("time")
         runs = [(snapshot_files(source), run_name(source)) for source in self.sources]
         if min(len(files) for files, _ in runs) < 2:
             raise PlotError(
@@ -150,6 +152,7 @@ class Request:
         words = list(self.words) or compose.default_words(units[0].dimensions)
         wanted = compose.matching_names(words, self.populations)
         wanted += compose.matching_names([self.against or "radius"]) if self.kind == "phase" else []
+        wanted += overlays.needed_fields(self.display)
         snaps = [read_for_fields(path, wanted) for path in paths]
         return compose.available_names(words, snaps, self.populations), snaps
 
@@ -170,16 +173,19 @@ def file_stem(words: Sequence[str], populations: Sequence[str], *more: str) -> s
     return "-".join(part for part in (*(words or ["surface_density"]), *populations, *more) if part).replace("/", "_")
 
 
-def save(make: Callable[[], Figure], path: Path) -> None:
+def save(make: Callable[[], Figure], path: Path, dpi: int | None = None) -> None:
     """Write the figure that `make` returns to `path`. The file appears when it is complete.
 
-    Raises PlotError for an unknown format, before `make` is called, and OSError.
+    `dpi` are the pixels per inch, by default those of the figure. Raises PlotError for an unknown format, before `make`
+    is called, or for too many pixels, and OSError.
     """
     if path.suffix.lower() not in FORMATS:
         raise PlotError(f"{path}: unknown figure format; expected a name that ends in {', '.join(FORMATS)}")
     refuse_special(path)
+    style.checked_dpi(dpi, "--")
     figure = make()
+    style.check_pixels(figure.get_size_inches(), dpi or figure.dpi)
     path.parent.mkdir(parents=True, exist_ok=True)
     with replace_atomically(path, path.suffix) as temporary:
         software = {".png": "Software", ".pdf": "Creator", ".svg": "Creator"}[path.suffix.lower()]
-        figure.savefig(temporary, dpi=130, metadata={software: f"discsim {__version__}"})
+        figure.savefig(temporary, dpi=dpi or figure.dpi, metadata={software: f"discsim {__version__}"})

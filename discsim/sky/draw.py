@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from discsim.output.bins import density_range
-from discsim.output.drawing import axes_at, draw_colour_bar, figure_text, round_number
+from discsim.output.drawing import BAR_BELOW, axes_at, broken, draw_colour_bar, figure_text, round_number
 from discsim.output.fields.base import PlotError
+from discsim.output.ink import checked_colour_map, contrast, line_scale, shade, text_scale
+from discsim.plot import style
 from discsim.version import __version__
 
 if TYPE_CHECKING:
@@ -32,9 +34,14 @@ SIDE, LEFT, RIGHT, BOTTOM, TOP = 4.6, 0.85, 1.35, 1.15, 0.8  # inches: side of a
 
 
 def draw_map(
-    sky: SkyMap, ax: Axes | None = None, limits: tuple[float, float] | None = None, stretch: str = "linear"
-) -> Axes:
-    """Draw a map on axes, new ones by default; `limits` are in the unit of the colour bar. Raises PlotError."""
+    sky: SkyMap, ax: Axes | None = None, limits: tuple[float, float] | None = None, stretch: str = "linear",
+    cmap: Any = None, below: bool = False,
+) -> Axes:  # fmt: skip
+    """Draw a map on axes, new ones by default; `limits` are in the unit of the colour bar. Raises PlotError.
+
+    `cmap` is a colour map of matplotlib. The colour bar is to the right of the map, or with `below` below it.
+    """
+    colours = COLOURS[sky.quantity] if cmap is None else checked_colour_map(cmap)
     if stretch not in STRETCHES:
         raise PlotError(f'stretch: "{stretch}"; expected one of {", ".join(STRETCHES)}')
     if ax is None:
@@ -49,39 +56,59 @@ def draw_map(
         origin="lower",
         extent=sky.extent,
         norm=_norm_of(sky.quantity, values, limits, stretch),
-        cmap=COLOURS[sky.quantity],
+        cmap=colours,
         interpolation="nearest",
     )
-    dark = sky.quantity == "intensity"
-    ax.set_facecolor("0.85")  # grey where the values are NaN
-    ax.set(xlabel="offset to the east [arcsec]", ylabel="offset to the north [arcsec]")
-    ink = "white" if dark else "black"
+    ax.set_facecolor(shade(0.15))  # grey where the values are NaN
+    long = "offset to the east [arcsec]", "offset to the north [arcsec]"
+    short = r"$\Delta$RA [arcsec]", r"$\Delta$Dec [arcsec]"  # for small panels
+    ax.set(**dict(zip(("xlabel", "ylabel"), short if below else long, strict=True)))
+    edge = max(1, len(values) // 6)  # the rows below and above, where the marks are
+    ink = contrast(image, np.concatenate([values[:edge], values[-edge:]]))[0]
     _draw_beam(ax, sky, ink, (half_x, half_y))
     _draw_scale_bar(ax, sky, ink, (half_x, half_y))
     _draw_directions(ax, ink, (half_x, half_y))
-    draw_colour_bar(ax, image, label)
+    draw_colour_bar(ax, image, label, below)
     return ax
 
 
 def figure_of(maps: Sequence[SkyMap], **options: Any) -> Figure:
-    """Return a figure with the maps in a row, a title, and a text about how the maps were made. Raises PlotError."""
+    """Return a figure with the maps in a row, a title, and a text about how the maps were made. Raises PlotError.
+
+    A single map, and maps in a style with a width, have the colour bar below them.
+    """
     from matplotlib.figure import Figure
 
-    pitch = LEFT + SIDE + RIGHT
-    figure = Figure(figsize=(pitch * len(maps), BOTTOM + SIDE + TOP))
-    for number, sky in enumerate(maps):
-        ax = axes_at(figure, number * pitch + LEFT, BOTTOM, SIDE, SIDE)
-        draw_map(sky, ax, **options)
-        ax.set_title(_panel_title(sky), fontsize=10)
-        notes = "\n".join(figure_text(line) for line in sky.description)
-        ax.text(0.0, -0.55 / SIDE, notes, transform=ax.transAxes, fontsize=7.5, va="top", color="0.35")
-    height = BOTTOM + SIDE + TOP
-    first = maps[0]
-    figure.text(LEFT / (pitch * len(maps)), 1 - 0.28 / height, figure_text(first.title), fontsize=11, va="center")
-    figure.text(
-        1 - 0.1 / pitch / len(maps), 0.1 / height, f"discsim {__version__}", fontsize=6, ha="right", color="0.5"
-    )
+    look, text, count = style.current(), text_scale(), len(maps)
+    below = count == 1 or look.several is not None
+    left, right = (LEFT * text, (0.15 if below else RIGHT) * text)
+    total = (look.one if count == 1 else look.several) or 0.0
+    width = total / count - left - right if below else SIDE
+    titles = ["\n".join(broken(_panel_title(sky), width, 10 * text)) for sky in maps]
+    notes = ["\n".join(_notes(sky, width)) for sky in maps]
+    heads = broken(figure_text(maps[0].title), total or count * (left + SIDE + right) - left, 11 * text)
+    above = (look.line * (max(title.count("\n") for title in titles) + len(heads) - 1) + TOP) * text
+    bar = BAR_BELOW[2] * text if below else 0.0
+    bottom = bar + (BOTTOM + (0.13 * max(0, max(note.count("\n") for note in notes) - 2))) * text
+    side = max(min(width, look.height - above - bottom), 1.0)
+    pitch, height = left + side + right, bottom + side + above
+    figure = Figure(figsize=(pitch * count, height), dpi=look.resolution(count == 1))
+    for number, (sky, title, note) in enumerate(zip(maps, titles, notes, strict=True)):
+        ax = axes_at(figure, number * pitch + left, bottom, side, side)
+        draw_map(sky, ax, below=below, **options)
+        ax.set_title(title, fontsize=10 * text)
+        where = -(0.55 * text + bar) / side
+        ax.text(0.0, where, note, transform=ax.transAxes, fontsize=7.5 * text, va="top", color=shade(0.65))
+    across = pitch * count
+    figure.text(left / across, 1 - 0.17 * text / height, "\n".join(heads), fontsize=11 * text, va="top")
+    version = f"discsim {__version__}"
+    figure.text(1 - 0.1 / across, 0.1 / height, version, fontsize=6 * text, ha="right", color=shade(0.5))
     return figure
+
+
+def _notes(sky: SkyMap, width: float) -> list[str]:
+    """Return the lines about how a map was made, at most `width` inches wide."""
+    return [part for line in sky.description for part in broken(figure_text(line), width, 7.5 * text_scale())]
 
 
 def _panel_title(sky: SkyMap) -> str:
@@ -138,8 +165,16 @@ def _draw_scale_bar(ax: Axes, sky: SkyMap, ink: str, half: tuple[float, float]) 
     au = round_number(0.5 * half[0] * sky.distance)
     length = au / sky.distance
     left, y = -0.94 * half[0] + length, -0.92 * half[1]
-    ax.plot([left, left - length], [y, y], color=ink, lw=1.5, solid_capstyle="butt")
-    ax.text(left - 0.5 * length, y + 0.03 * half[1], f"{au:g} au", color=ink, ha="center", va="bottom", fontsize=9)
+    ax.plot([left, left - length], [y, y], color=ink, lw=1.5 * line_scale(), solid_capstyle="butt")
+    ax.text(
+        left - 0.5 * length,
+        y + 0.03 * half[1],
+        f"{au:g} au",
+        color=ink,
+        ha="center",
+        va="bottom",
+        fontsize=9 * text_scale(),
+    )
 
 
 def _draw_directions(ax: Axes, ink: str, half: tuple[float, float]) -> None:
@@ -149,4 +184,4 @@ def _draw_directions(ax: Axes, ink: str, half: tuple[float, float]) -> None:
         ax.annotate(
             "", (x + dx, y + dy), (x, y), arrowprops={"arrowstyle": "-|>", "color": ink, "lw": 1.0, "shrinkA": 0}
         )
-        ax.text(x + 1.3 * dx, y + 1.3 * dy, name, color=ink, fontsize=8, ha="center", va="center")
+        ax.text(x + 1.3 * dx, y + 1.3 * dy, name, color=ink, fontsize=8 * text_scale(), ha="center", va="center")

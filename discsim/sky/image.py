@@ -202,7 +202,8 @@ class SkyMap:
         ax : Axes, optional
             matplotlib axes; by default those of a new figure.
         **options
-            `limits`, the lowest and highest value shown, and `stretch`, "linear", "sqrt" or "log" for intensities.
+            `limits`, the lowest and highest value shown; `stretch`, "linear", "sqrt" or "log" for intensities; and
+            `cmap`, a colour map of matplotlib.
 
         Returns
         -------

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from discsim.output.fields.base import PlotError
+from discsim.output.ink import checked_colour_map
 from discsim.output.snapshot import read_snapshot
 from discsim.output.sources import run_directory, select_snapshots
 from discsim.plot.request import FORMATS, save
@@ -23,12 +24,15 @@ def write_products(
     at: str | None = None,
     output: Path | None = None,
     stretch: str = "linear",
+    cmap: str | None = None,
+    dpi: int | None = None,
 ) -> list[Path]:
     """Write a figure and FITS files of a snapshot, and return their paths, the figure first.
 
     Intensities get one map for each wavelength and, if there are several, the spectral index between the first two.
-    Raises PlotError, SnapshotError, OSError.
+    `cmap` is the colour map and `dpi` the pixels per inch of the figure. Raises PlotError, SnapshotError, OSError.
     """
+    colours = None if cmap is None else checked_colour_map(cmap, "--")
     if len(wavelengths) > MAX_WAVELENGTHS:
         raise PlotError(f"--wavelength: {len(wavelengths)} wavelengths; expected at most {MAX_WAVELENGTHS}")
     if output is not None and output.suffix.lower() not in FORMATS:
@@ -41,7 +45,7 @@ def write_products(
     else:
         maps = [image_of(snap, options)]
     figure = output or _default_path(path, options.quantity)
-    save(lambda: figure_of(maps, stretch=stretch), figure)
+    save(lambda: figure_of(maps, stretch=stretch, cmap=colours), figure, dpi)
     written = [figure]
     for sky in maps:
         part = f"-{_map_name(sky)}" if options.quantity == "intensity" else ""

@@ -90,18 +90,26 @@ class BinnedFields:
     def _compute(self, name: str) -> Array:
         population, plain = split_population(name)
         if population is not None:
-            if population not in self._populations:
-                apart = only_population(self.snap, population)
-                self._populations[population] = BinnedFields(apart, self._bins_of, self._optics)
-            return self._populations[population][plain]
+            return self.of_population(population)[plain]
         field = FIELDS[name]
         if field.kind == "places":
             return field.values(self)
         values, bins = field.values(self.snap), self.bins(field.species)
         if field.kind == "density":
             return bins.sum(values) / bins.measure
-        mass = self.mass(field.species)
-        weighted = bins.sum(self.snap.species[field.species].mass * values)
+        return self.mean(field.species, values)
+
+    def of_population(self, population: str) -> BinnedFields:
+        """Return the fields of one population of dust, in the same bins."""
+        if population not in self._populations:
+            apart = only_population(self.snap, population)
+            self._populations[population] = BinnedFields(apart, self._bins_of, self._optics)
+        return self._populations[population]
+
+    def mean(self, species: str, values: Array) -> Array:
+        """Return the mass-weighted mean of `values` (n,) of the particles of a species; NaN for too little mass."""
+        bins, mass = self.bins(species), self.mass(species)
+        weighted = bins.sum(self.snap.species[species].mass * values)
         return np.divide(weighted, mass, where=bins.has_enough_mass(mass), out=np.full(mass.shape, np.nan))
 
     def has_enough_mass(self, species: str) -> Array:

@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from numbers import Integral
@@ -15,7 +16,7 @@ import numpy as np
 
 from discsim.output.fields.base import FieldError, PlotError
 from discsim.output.fields.binned import Optics
-from discsim.output.fields.names import field_named, of_population, single_field
+from discsim.output.fields.names import field_named, matching_fields, of_population, single_field
 from discsim.output.fields.values import (
     Window,
     default_window,
@@ -34,6 +35,22 @@ PIXELS = 480
 MAX_PIXELS = 20_000  # a map of more takes more than 3 GB for each field
 MAX_SIZE = 1e60  # numbers on axes are 0 or from 1/MAX_SIZE to MAX_SIZE in magnitude, as values of a scene
 MARKS = ("bodies", "companions", "damping", "gap", "hill", "initial")  # what `plot/marks.py` can draw
+MAX_LEVELS = 20
+# Options of figures, and the kinds of figures that use them.
+KINDS_OF_OPTION = {
+    "cmap": ("map", "polar", "time", "phase"),
+    "log_radius": ("profile", "polar", "time"),
+    "contours": ("map", "polar", "time"),
+    "streamlines": ("map", "polar"),
+}
+KIND_TEXT = {
+    "map": "maps",
+    "polar": "polar maps",
+    "profile": "profiles",
+    "time": "maps in radius and time",
+    "phase": "scatter plots",
+}
+FRAMES = ("scene", "kepler", "companion", "companion.N")  # of streamlines; N is the number of a companion from 1
 RANGE_TEXT = f"{1.0 / MAX_SIZE:g} to {MAX_SIZE:g}"
 
 
@@ -47,8 +64,10 @@ class DisplayOptions:
     and the highest value on the colour bar or axis, in its unit. `distance` is the distance of the disc as an
     astropy Quantity, with which maps have angles in arcsec. `corners` (of a map) and `ends` (a range of radii), in
     code units, replace `window` if they are set; see `common_to`. `marks` are names in MARKS of what to draw besides
-    the field; None stands for the defaults of a figure. `prefix` precedes the names of arguments in
-    messages, such as "--".
+    the field; None stands for the defaults of a figure. `cmap` is a colour map of matplotlib. With `log_radius` radii
+    are on a logarithmic axis. `contours` are the name of a field and the levels of its contour lines in the unit of
+    axes, () for levels by default. `streamlines` is a frame for the velocity, one of FRAMES. `prefix` precedes the
+    names of arguments in messages, such as "--".
     """
 
     window: Any = None
@@ -60,6 +79,24 @@ class DisplayOptions:
     pixels: int = PIXELS
     marks: frozenset[str] | None = None
     prefix: str = ""
+    cmap: Any = None
+    log_radius: bool = False
+    contours: tuple[str, tuple[float, ...]] | None = None
+    streamlines: str | None = None
+
+    def used_for(self, kind: str) -> DisplayOptions:
+        """Return these options. Raises PlotError if one of them has no effect on a figure of this kind."""
+        for name, kinds in KINDS_OF_OPTION.items():
+            if getattr(self, name) and kind not in kinds:
+                used = ", ".join(KIND_TEXT[each] for each in kinds)
+                raise PlotError(
+                    f"{self._argument(name)}: used only for {used}, not for {KIND_TEXT[kind]}; leave it out"
+                )
+        return self
+
+    def _argument(self, name: str) -> str:
+        """Return the name of an argument for messages."""
+        return f"{self.prefix}{name.replace('_', '-') if self.prefix else name}"
 
     def map_window(self, snap: Snapshot) -> Window:
         """Return the corners of the window in code units; by default those around the disc or box. Raises PlotError."""
@@ -78,8 +115,23 @@ class DisplayOptions:
     def radii(self, snap: Snapshot, inner: float = 0.0) -> tuple[float, float]:
         """Return the range of radii (in 1D of positions) to show, in code units. Raises PlotError.
 
-        `inner` is the inner radius if `window` gives only an outer radius, or no radius.
+        `inner` is the inner radius if `window` gives only an outer radius, or no radius. On a logarithmic axis it is
+        that of the disc, and radii must be positive.
         """
+        if not self.log_radius:
+            return self._radii(snap, inner)
+        if snap.dimensions == 1:
+            raise PlotError(f"{self._argument('log_radius')}: the run is in one dimension; leave it out")
+        low, high = self._radii(snap, inner or 0.9 * inner_radius(snap))
+        if not 0.0 < low < high:
+            wanted = 'expected two radii above 0; give them as --window "R1,R2"'.replace("--", self.prefix)
+            raise PlotError(
+                f"{self._argument('log_radius')}: the radii are {low:g} to {high:g} in code units; {wanted}"
+            )
+        return low, high
+
+    def _radii(self, snap: Snapshot, inner: float) -> tuple[float, float]:
+        """Return the range of radii to show, which may start at 0. Raises PlotError."""
         if self.ends is not None:
             return self.ends
         given = self._lengths(snap.units)
@@ -173,13 +225,14 @@ class DisplayOptions:
 
 def display_options(
     window: Any = None, limits: Any = None, distance: Any = None, wavelength: Any = None, opacity: Any = None,
-    pixels: int = PIXELS, mark: Any = None, prefix: str = "",
+    pixels: int = PIXELS, mark: Any = None, prefix: str = "", *, cmap: Any = None, log_radius: bool = False,
+    contours: str | None = None, streamlines: str | None = None,
 ) -> DisplayOptions:  # fmt: skip
     """Return display options from arguments of the command line or of Python functions. Raises PlotError.
 
     The first five arguments are texts like "50 au", "1e-3,10", "140 pc", "1.3 mm" and "2 cm2/g". They may also be
     Quantities, except `limits`, which may be a pair of numbers. `window` may also be an array in code units. `mark` is
-    a text like "gap,hill" or "none", or a sequence of names.
+    a text like "gap,hill" or "none", or a sequence of names. `contours` is a text like "toomre_q=1,2".
     """
     optics = None
     if wavelength is not None or opacity is not None:
@@ -189,8 +242,46 @@ def display_options(
         optics = Optics(seen, None if opacity is None else positive_quantity(opacity, f"{prefix}opacity", "cm2/g"))
     away = None if distance is None else positive_quantity(distance, f"{prefix}distance", "pc")
     ends = None if limits is None else _parse_limits(limits, "--range" if prefix else "limits")
-    region, marks = _parse_window(window, prefix), _parse_marks(mark, prefix)
-    return DisplayOptions(region, ends, away, optics, None, None, checked_pixels(pixels, prefix), marks, prefix)
+    if cmap is not None:
+        from discsim.output.ink import checked_colour_map  # imports matplotlib
+
+        cmap = checked_colour_map(cmap, prefix)
+    return DisplayOptions(
+        _parse_window(window, prefix), ends, away, optics, pixels=checked_pixels(pixels, prefix),
+        marks=_parse_marks(mark, prefix), prefix=prefix, cmap=cmap, log_radius=bool(log_radius),
+        contours=_parse_contours(contours, f"{prefix}contours"),
+        streamlines=_parse_frame(streamlines, f"{prefix}streamlines"),
+    )  # fmt: skip
+
+
+def _parse_contours(given: Any, name: str) -> tuple[str, tuple[float, ...]] | None:
+    """Return the field and the increasing levels in a text like "toomre_q=1,2"; no levels in "toomre_q".
+
+    Raises PlotError, FieldError.
+    """
+    if given is None:
+        return None
+    word, equals, text = str(given).partition("=")
+    matching_fields(word)
+    try:
+        levels = sorted({float(part) for part in text.split(",")}) if equals else []
+    except ValueError:
+        levels = [math.nan]
+    if not all(math.isfinite(level) and _in_range(level) for level in levels) or len(levels) > MAX_LEVELS:
+        wanted = f"expected FIELD, or FIELD=LEVEL,LEVEL,... with at most {MAX_LEVELS} numbers in the unit of the field"
+        raise PlotError(f'{name}: "{_message_text(given)}"; {wanted}')
+    return word, tuple(levels)
+
+
+def _parse_frame(given: Any, name: str) -> str | None:
+    """Return the frame of streamlines. Raises PlotError."""
+    if given is None:
+        return None
+    kind, dot, number = str(given).partition(".")
+    is_number = number.isascii() and number.isdigit() and len(number) < 4 and int(number) > 0
+    if kind not in FRAMES or (dot and not (kind == "companion" and is_number)):
+        raise PlotError(f'{name}: "{_message_text(given)}"; expected one of {", ".join(FRAMES)}')
+    return str(given)
 
 
 def checked_pixels(pixels: Any, prefix: str = "") -> int:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from discsim.output.bins import FINE_BINS, Bins, Rings, SmoothRings, polar_pixels, square_pixels
+from discsim.output.bins import FINE_BINS, Bins, Rings, SmoothRings, polar_pixels, spaced_edges, square_pixels
 from discsim.output.fields.binned import BinnedFields, Optics
 from discsim.parts import EFFECTS, STARTS
 
@@ -29,10 +29,10 @@ def fields_on_pixels(snap: Snapshot, window: Window, pixels: int, optics: Optics
 
 
 def fields_on_polar_pixels(
-    snap: Snapshot, inner: float, outer: float, pixels: int, optics: Optics | None = None
+    snap: Snapshot, inner: float, outer: float, pixels: int, optics: Optics | None = None, log: bool = False
 ) -> BinnedFields:
-    """Return the fields [phi, r] of `snap` on polar pixels between the radii `inner` and `outer`."""
-    return BinnedFields(snap, lambda p: polar_pixels(p.pos, inner, outer, pixels), optics)
+    """Return the fields [phi, r] of `snap` on polar pixels between two radii, with `log` equally spaced in log r."""
+    return BinnedFields(snap, lambda p: polar_pixels(p.pos, inner, outer, pixels, log), optics)
 
 
 def fields_in_rings(snap: Snapshot, edges: Array, optics: Optics | None = None) -> BinnedFields:
@@ -41,14 +41,17 @@ def fields_in_rings(snap: Snapshot, edges: Array, optics: Optics | None = None) 
 
 
 def smooth_profile(
-    snap: Snapshot, ends: tuple[float, float], optics: Optics | None = None
+    snap: Snapshot, ends: tuple[float, float], optics: Optics | None = None, log: bool = False
 ) -> tuple[Array, BinnedFields]:
-    """Return the edges of fine rings between the radii `ends`, or in 1D of bins in x, and smoothed fields in them."""
+    """Return the edges of fine rings between the radii `ends`, or in 1D of bins in x, and smoothed fields in them.
+
+    The edges are equally spaced, with `log` in the logarithm.
+    """
 
     def bins_of(p: SnapshotParticles) -> Bins:
-        return SmoothRings(p.radius if snap.dimensions == 2 else p.pos[:, 0], ends, snap.dimensions)
+        return SmoothRings(p.radius if snap.dimensions == 2 else p.pos[:, 0], ends, snap.dimensions, log)
 
-    return np.linspace(*ends, FINE_BINS + 1), BinnedFields(snap, bins_of, optics)
+    return spaced_edges(*ends, FINE_BINS, log), BinnedFields(snap, bins_of, optics)
 
 
 def _bins_of(edges: Array, p: SnapshotParticles) -> Bins:
