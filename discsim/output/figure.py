@@ -40,7 +40,15 @@ from discsim.output.drawing import (
 )
 from discsim.output.fields.binned import BinnedFields
 from discsim.output.fields.names import species_text
-from discsim.output.fields.values import Window, default_window, fields_on_pixels, is_centred, smooth_profile, start_of
+from discsim.output.fields.values import (
+    Window,
+    default_window,
+    fields_on_pixels,
+    full_radius,
+    is_centred,
+    smooth_profile,
+    start_of,
+)
 from discsim.output.populations import populations_of
 from discsim.output.snapshot import Snapshot, read_snapshot
 from discsim.scene import load_scene
@@ -112,7 +120,7 @@ def _draw_profile(axes: Axes, snap: Snapshot, outer: float) -> None:
     """Draw the surface density of each species against radius, up to the radius `outer`."""
     length, length_unit = axis_unit(snap, "length")
     density, density_unit = axis_unit(snap, "density")
-    edges, binned = smooth_profile(snap, (0.0, outer))
+    edges, binned = smooth_profile(snap, (0.0, full_radius(snap)))  # cut off at `outer`, it would fall there
     radius = (edges[1:] + edges[:-1]) / 2 * length
     peaks, has_small = [], snap.gas is not None and snap.gas.small is not None
     names = {"dust": "grown dust"} if has_small else {}

@@ -15,7 +15,7 @@ from discsim.output.drawing import Picture, axis_unit, body_marks, map_picture
 from discsim.output.fields.base import PlotError
 from discsim.output.fields.display import DisplayOptions
 from discsim.output.fields.names import field_named
-from discsim.output.fields.values import fields_on_pixels, fields_on_polar_pixels, inner_radius
+from discsim.output.fields.values import fields_on_pixels, fields_on_polar_pixels
 from discsim.output.run import profiles_in_time
 from discsim.output.sources import read_for_fields, times_and_units
 from discsim.plot import marks, overlays
@@ -40,7 +40,7 @@ def map_pictures(snap: Snapshot, names: Sequence[str], display: DisplayOptions) 
 def polar_pictures(snap: Snapshot, names: Sequence[str], display: DisplayOptions) -> Pictures:
     """Return pictures of the fields `names` in azimuth and radius. Raises PlotError in 1D."""
     _require_two_dimensions(snap)
-    inner, outer = display.radii(snap, 0.9 * inner_radius(snap))
+    inner, outer = display.radii(snap, is_polar=True)
     binned = fields_on_polar_pixels(snap, inner, outer, display.pixels, display.optics, display.log_radius)
     length, unit = axis_unit(snap, "length")
     sides = np.array([-180.0, 180.0]), length * np.array([inner, outer])

@@ -26,7 +26,7 @@ from discsim.output.fields.base import PlotError
 from discsim.output.fields.binned import Optics
 from discsim.output.fields.display import checked_pixels, positive_quantity
 from discsim.output.fields.frame import omega
-from discsim.output.fields.values import is_centred, outer_radius
+from discsim.output.fields.values import full_radius, is_centred
 from discsim.output.populations import grain_sizes, small_dust_size
 from discsim.printable import printable
 from discsim.scene.units import clipped
@@ -303,7 +303,7 @@ def _empty_map(snap: Snapshot, options: ImageOptions) -> tuple[SkyMap, _Sky, Arr
     away = float(positive_quantity(options.distance, f"{prefix}distance", "pc").to_value("pc"))
     pixels, au = checked_pixels(options.pixels, prefix), float(snap.units.quantity(1.0, "length").to_value("au"))
     if options.fov is None:
-        fov = 2.2 * outer_radius(snap) * au / away
+        fov = 2.2 * full_radius(snap) * au / away
     else:
         fov = float(positive_quantity(options.fov, f"{prefix}fov", "arcsec").to_value("arcsec"))
     pixel, beam = fov / pixels, beams.beam_of(options.beam, prefix)

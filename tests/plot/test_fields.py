@@ -16,7 +16,7 @@ from discsim.numerics.state import Dust, Gas
 from discsim.output.fields.base import FieldError
 from discsim.output.fields.binned import Optics
 from discsim.output.fields.names import available_fields, field_rows, matching_fields, missing_reason, needed_columns
-from discsim.output.fields.values import fields_on_pixels
+from discsim.output.fields.values import default_window, fields_on_pixels, full_radius, outer_radius, polar_range
 from discsim.output.snapshot import read_snapshot
 from discsim.output.snapshot_writer import write_snapshot
 from discsim.parts import FIELDS
@@ -164,3 +164,60 @@ def test_gas_with_small_dust_has_the_temperature_and_mass_of_gas_alone(direction
     density = snap.field("gas.surface_density", edges=np.array([0.2, 3.0])).value
     whole = snap.gas.mass.sum() * (1.0 if direction == "one-way" else 1.0 - small)
     np.testing.assert_allclose(density, whole / (np.pi * (9.0 - 0.04)), rtol=1e-12)
+
+
+def snapshot_at(radii, tmp_path):
+    """A snapshot with gas and dust of equal masses at these radii (n,) each, and random angles."""
+    rng = np.random.default_rng(31)
+
+    def places(r):
+        phi = rng.uniform(0.0, 2.0 * np.pi, len(r))
+        return np.stack([r * np.cos(phi), r * np.sin(phi)], axis=1)
+
+    gas, dust = (places(r) for r in radii)
+    (zero, one), still = (np.zeros_like(gas), np.ones(len(gas))), np.zeros_like(dust)
+    state = {"h": 0.1 * one, "density": one, "gradh": one, "pressure": one, "sound_speed": one}
+    path = tmp_path / "0000.h5"
+    write_snapshot(
+        path,
+        load_scene(SCENE),
+        0.0,
+        Gas(pos=gas, vel=zero, acc=zero, mass=3e-6 * one, ids=np.arange(len(gas)), **state),
+        Dust(pos=dust, vel=still, acc=still, mass=np.full(len(dust), 2e-7), ids=np.arange(len(dust)),
+             species=np.zeros(len(dust), int)),
+    )  # fmt: skip
+    return read_snapshot(path, ()).about_centre()
+
+
+def radii_of(sigma, outer, count):
+    """Radii up to `outer` of `count` particles with the surface density sigma(r)."""
+    edges = np.linspace(0.0, outer, 20_001)
+    middle = 0.5 * (edges[1:] + edges[:-1])
+    within = np.concatenate([[0.0], np.cumsum(sigma(middle) * middle)])
+    return np.interp((np.arange(count) + 0.5) / count * within[-1], within, edges)
+
+
+def test_window_ends_where_gas_that_spread_out_is_a_tenth_of_the_discs_surface_density(tmp_path):
+    """Sigma is constant within 1.7, and exp(-(r - 1.7) / 0.3) of it outside: a tenth at 1.7 + 0.3 ln 10."""
+    gas = radii_of(lambda r: np.exp(-np.maximum(r - 1.7, 0.0) / 0.3), 5.0, 30_000)
+    snap = snapshot_at((gas, gas[gas < 1.2]), tmp_path)
+    # Smoothed over 0.6 particle distances, at most 3% of the radius, and seen on rings of 0.015.
+    assert outer_radius(snap) == pytest.approx(1.7 + 0.3 * np.log(10.0), abs=0.05)
+    assert full_radius(snap) > 3.0
+    lower, upper = default_window(snap)
+    np.testing.assert_allclose([-lower, upper], 1.1 * outer_radius(snap), rtol=1e-12)
+    assert polar_range(snap)[1] == outer_radius(snap)
+
+
+def test_window_has_nine_tenths_of_the_mass_although_a_ring_outshines_the_rest(tmp_path):
+    """Of the dust, 70% are in a ring at 1.3, whose surface density is 100 times that of the rest, which reaches 4."""
+    ring, rest = np.linspace(1.28, 1.32, 14_000), radii_of(np.ones_like, 4.0, 6000)
+    snap = snapshot_at((np.linspace(1.0, 1.5, 500), np.concatenate([ring, rest])), tmp_path)
+    # Two thirds of the rest are within 4 sqrt(2/3) = 3.27. Only 99.5% of the particles count: 3.26.
+    assert outer_radius(snap) == pytest.approx(4.0 * np.sqrt(2 / 3), abs=0.04)
+
+
+def test_window_of_grains_without_mass_has_all_of_them(tmp_path):
+    snap = snapshot_at((np.linspace(0.4, 1.1, 900), np.linspace(0.7, 2.3, 4000)), tmp_path)
+    snap.dust.mass[:] = 0.0
+    assert outer_radius(snap) == full_radius(snap) == pytest.approx(0.7 + 0.995 * 1.6, abs=1e-3)

@@ -22,8 +22,8 @@ from discsim.output.fields.values import (
     default_window,
     fields_in_rings,
     fields_on_pixels,
-    inner_radius,
-    outer_radius,
+    full_radius,
+    polar_range,
 )
 from discsim.scene.units import UnitError, Units, clipped, parse_quantity
 
@@ -112,17 +112,17 @@ class DisplayOptions:
         middle = given[:2] if len(given) == 3 else np.zeros(2)
         return middle - given[-1], middle + given[-1]
 
-    def radii(self, snap: Snapshot, inner: float = 0.0) -> tuple[float, float]:
+    def radii(self, snap: Snapshot, is_polar: bool = False) -> tuple[float, float]:
         """Return the range of radii (in 1D of positions) to show, in code units. Raises PlotError.
 
-        `inner` is the inner radius if `window` gives only an outer radius, or no radius. On a logarithmic axis it is
-        that of the disc, and radii must be positive.
+        Radii that `window` does not give are those of the disc: for a polar map the radii of `polar_range`, otherwise
+        0 and `full_radius`. On a logarithmic axis the inner radius is that of `polar_range`, and radii must be positive.
         """
         if not self.log_radius:
-            return self._radii(snap, inner)
+            return self._radii(snap, is_polar)
         if snap.dimensions == 1:
             raise PlotError(f"{self._argument('log_radius')}: the run is in one dimension; leave it out")
-        low, high = self._radii(snap, inner or 0.9 * inner_radius(snap))
+        low, high = self._radii(snap, is_polar)
         if not 0.0 < low < high:
             wanted = 'expected two radii above 0; give them as --window "R1,R2"'.replace("--", self.prefix)
             raise PlotError(
@@ -130,7 +130,7 @@ class DisplayOptions:
             )
         return low, high
 
-    def _radii(self, snap: Snapshot, inner: float) -> tuple[float, float]:
+    def _radii(self, snap: Snapshot, is_polar: bool) -> tuple[float, float]:
         """Return the range of radii to show, which may start at 0. Raises PlotError."""
         if self.ends is not None:
             return self.ends
@@ -142,7 +142,10 @@ class DisplayOptions:
         if snap.dimensions == 1:
             low, high = (-given[0], given[0]) if len(given) else (snap.lower[0], snap.upper[0])
             return float(low), float(high)
-        return inner, float(given[0]) if len(given) else outer_radius(snap)
+        inner, outer = polar_range(snap) if is_polar else (0.0, full_radius(snap))
+        if self.log_radius:
+            inner = polar_range(snap)[0]
+        return inner, float(given[0]) if len(given) else outer
 
     def common_to(self, snaps: Sequence[Snapshot], kind: str) -> DisplayOptions:
         """Return these options with one region for several snapshots, which contains the regions of all snapshots.
@@ -153,7 +156,7 @@ class DisplayOptions:
             windows = [self.map_window(snap) for snap in snaps]
             corners = np.min([low for low, _ in windows], axis=0), np.max([high for _, high in windows], axis=0)
             return replace(self, corners=corners)
-        spans = [self.radii(snap, 0.9 * inner_radius(snap) if kind == "polar" else 0.0) for snap in snaps]
+        spans = [self.radii(snap, kind == "polar") for snap in snaps]
         return replace(self, ends=(min(low for low, _ in spans), max(high for _, high in spans)))
 
     def _lengths(self, units: Units) -> Array:

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 Window = tuple[Array, Array]
+FAINT = 0.1  # fraction of the typical surface density below which figures need not show the outskirts of a disc
+SHOWN_MASS = 0.9  # fraction of the mass of each species that figures show at least
 
 
 def fields_on_pixels(snap: Snapshot, window: Window, pixels: int, optics: Optics | None = None) -> BinnedFields:
@@ -88,12 +90,42 @@ def inner_radius(snap: Snapshot) -> float:
     return min((float(np.quantile(p.radius, 0.005)) for p in snap.species.values() if p.count), default=0.0)
 
 
-def outer_radius(snap: Snapshot) -> float:
-    """Return the outer radius of the disc.
+def full_radius(snap: Snapshot) -> float:
+    """Return the radius of the disc with its outskirts.
 
     For each species, 99.5% of its particles are within some radius; the largest of these radii is returned.
     """
-    return max((float(np.quantile(p.radius, 0.995)) for p in snap.species.values() if p.count), default=1.0)
+    return max((_full_radius(p) for p in snap.species.values() if p.count), default=1.0)
+
+
+def outer_radius(snap: Snapshot) -> float:
+    """Return the outer radius of the disc that figures show; it is at most `full_radius`.
+
+    Each species has at least SHOWN_MASS of its mass within this radius. Outside, its mean surface density is less than
+    FAINT times the typical one: the value that half of its mass exceeds.
+    """
+    return max((_outer_radius(p) for p in snap.species.values() if p.count), default=1.0)
+
+
+def polar_range(snap: Snapshot) -> tuple[float, float]:
+    """Return the radii between which polar maps show the disc."""
+    return 0.9 * inner_radius(snap), outer_radius(snap)
+
+
+def _full_radius(p: SnapshotParticles) -> float:
+    return float(np.quantile(p.radius, 0.995))
+
+
+def _outer_radius(p: SnapshotParticles) -> float:
+    full = _full_radius(p)
+    if full <= 0.0 or not p.mass.any():
+        return full
+    rings = SmoothRings(p.radius, (0.0, full), dimensions=2)
+    mass = rings.sum(p.mass)
+    sigma, within = mass / rings.measure, np.cumsum(mass)
+    typical = np.quantile(sigma, 0.5, weights=mass, method="inverted_cdf")
+    shown = (sigma >= FAINT * typical) | (within - mass < SHOWN_MASS * within[-1])
+    return float(rings.edges[np.flatnonzero(shown)[-1] + 1])
 
 
 def default_window(snap: Snapshot) -> Window:
