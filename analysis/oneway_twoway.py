@@ -14,8 +14,8 @@ code units. All dust populations of a run are taken together.
                     the height above the higher foot of the peak, the contrast is the height over this foot
 
 It writes two files into OUT or the present directory: oneway_twoway.csv with all times, and oneway_twoway.png with
-log Sigma_dust in radius and time, the radius of the peak, and the ratio of two runs. The runs must have the same
-units. If their times differ, the first run is followed to the end of the shortest.
+log Sigma_dust in radius and time, the radius of the peak, and r50 of all runs in one panel. The runs must have
+the same units. If their times differ, the first run is followed to the end of the shortest.
 """
 
 from __future__ import annotations
@@ -26,12 +26,14 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from matplotlib import rc_context
+from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from scipy.signal import peak_prominences, peak_widths
 
 from discsim.output.bins import density_range
-from discsim.output.drawing import figure_text
+from discsim.output.drawing import LINES, figure_text, set_log_ticks
 from discsim.output.populations import populations_of
 from discsim.output.results import (
     CODE_UNITS,
@@ -43,10 +45,12 @@ from discsim.output.results import (
     write_table,
 )
 from discsim.output.snapshot import Snapshot, read_snapshot, snapshot_files
+from discsim.plot.compose import RUN_COLOURS
 from discsim.plot.request import save
 from discsim.printable import UserError
 from discsim.study.outcomes import QUANTILES, RINGS, SMOOTHING_RINGS, quantile_radii, smoothed
 
+HALF, PEAK = 2, -4  # columns r50 and peak of the quantities of a run
 FINE = 4  # smallest number of rings in a given width of the smoothing
 MAX_RINGS = 100_000
 
@@ -112,34 +116,47 @@ def draw(
     times: np.ndarray,
     edges: np.ndarray,
     profiles: list[np.ndarray],
-    tracks: list[np.ndarray],
+    rows: list[np.ndarray],
     labels: list[str],
 ) -> Figure:
-    """Return the figure: Sigma_dust of all runs in radius and time, and the ratio of two runs."""
-    ratio = len(names) == 2
-    figure = Figure(figsize=(5 * (len(names) + ratio), 4.4), layout="constrained")
-    axes = figure.subplots(1, len(names) + ratio, sharey=True, squeeze=False)[0]
-    norm = LogNorm(*density_range(np.concatenate(profiles)), clip=True)
-    between = np.concatenate([times[:1], 0.5 * (times[1:] + times[:-1]), times[-1:]])
-    if len(times) == 1:
-        between[1] += 1.0  # a single snapshot needs some extent in time
-    for ax, name, sigma, track in zip(axes, names, profiles, tracks, strict=False):
-        image = ax.pcolormesh(edges, between, np.maximum(sigma, norm.vmin), norm=norm, cmap="inferno", rasterized=True)
-        ax.plot(track, times, color="c", lw=0.8, ls=":")
-        ax.set_title(figure_text(name))
-    figure.colorbar(image, ax=axes[len(names) - 1], label=labels[2])
-    if ratio:
-        with np.errstate(divide="ignore", invalid="ignore"):
-            there = np.minimum(*profiles) > 1e-3 * np.max(profiles[0])
-            over = np.where(there, profiles[1] / profiles[0], np.nan)
-        norm = LogNorm(0.5, 2, clip=True)
-        image = axes[2].pcolormesh(edges, between, over, norm=norm, cmap="RdBu_r", rasterized=True)
-        axes[2].set_title(figure_text(f"{names[1]} / {names[0]}"))
-        figure.colorbar(image, ax=axes[2])
-    for ax in axes:
-        ax.set_xlabel(labels[0])
-    axes[0].set_ylabel(labels[1])
+    """Return the figure, to be read from afar: Sigma_dust of each run in radius and time, and r50 of all.
+
+    `rows` (times, columns) are the quantities of each run, as in `Comparison`.
+    """
+    with rc_context({"font.size": 16, "axes.titlesize": 17, "axes.linewidth": 1.2}):
+        figure = Figure(figsize=(5.2 * (len(names) + 1), 5.4), layout="constrained")
+        *maps, last = figure.subplots(1, len(names) + 1, sharey=True)
+        norm = LogNorm(*density_range(np.concatenate(profiles)), clip=True)
+        between = np.concatenate([times[:1], 0.5 * (times[1:] + times[:-1]), times[-1:]])
+        if len(times) == 1:
+            between[1] += 1.0  # a single snapshot needs some extent in time
+        for ax, name, sigma, values in zip(maps, names, profiles, rows, strict=True):
+            sigma = np.maximum(sigma, norm.vmin)
+            image = ax.pcolormesh(edges, between, sigma, norm=norm, cmap="inferno", rasterized=True)
+            ax.plot(values[:, PEAK], times, color="black", lw=2.5, ls=":")
+            ax.set_title(figure_text(name))
+        maps[0].annotate(
+            "peak", (rows[0][-1, PEAK], times[-1]), (8, -8), textcoords="offset points", va="top", color="black"
+        )
+        bar = figure.colorbar(image, ax=maps[-1], label=labels[2])
+        set_log_ticks(bar.ax.yaxis, norm.vmin, norm.vmax)
+        draw_half(last, names, times, rows)
+        for ax in (*maps, last):
+            ax.set_xlabel(labels[0])
+            ax.locator_params(nbins=5)
+        maps[0].set_ylabel(labels[1])
     return figure
+
+
+def draw_half(ax: Axes, names: list[str], times: np.ndarray, rows: list[np.ndarray]) -> None:
+    """Draw the radius that contains half of the dust of each run against time."""
+    for number, (name, values) in enumerate(zip(names, rows, strict=True)):
+        colour, line = RUN_COLOURS[number % len(RUN_COLOURS)], LINES[number % len(LINES)]
+        ax.plot(values[:, HALF], times, color=colour, ls=line, lw=4, label=figure_text(name))
+    ax.margins(x=0.15)
+    ax.set_title("half of the dust is within")
+    ax.grid(alpha=0.3)
+    ax.legend(loc="best", labelcolor="linecolor", frameon=False, handlelength=1.6)
 
 
 class Comparison(NamedTuple):
@@ -185,8 +202,7 @@ def compare(directories: list[Path], out: Path, within: list[float], width: floa
     profiles = [density * smoothed(np.array([s.dust.radial_profile(edges) for s in run]), rings) for run in runs]
     labels = ["r", "t", r"$\Sigma_d$"] if au == CODE_UNITS else ["r [au]", "t [yr]", r"$\Sigma_d$ [g cm$^{-2}$]"]
     times = time * np.array([snap.time for snap in one])
-    tracks = [rows[:, columns.index(("peak at", au))] for rows in found]
-    save(partial(draw, names, times, length * edges, profiles, tracks, labels), out / "oneway_twoway.png")
+    save(partial(draw, names, times, length * edges, profiles, found, labels), out / "oneway_twoway.png")
     return made
 
 
