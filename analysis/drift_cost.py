@@ -24,13 +24,16 @@ from typing import Any, NamedTuple
 
 import drift
 import numpy as np
+from matplotlib import rc_context
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullLocator
 from rich.box import SIMPLE
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
-from script_helpers import warm_up, write_csv
+from script_helpers import BLUE, FROM_AFAR, RED, warm_up, write_csv
 
 from discsim import Simulation
 from discsim.effects import gas
@@ -38,7 +41,8 @@ from discsim.exact import nsh
 from discsim.formulas.smoothing import SMOOTHING
 from discsim.run.operators import Operators
 
-SCHEMES = ("tsc", "idic-linear")
+LOOKS = {"tsc": (BLUE, "o", "-"), "idic-linear": (RED, "s", "--")}  # colour, marker and line of each scheme
+SCHEMES = tuple(LOOKS)
 STOKES, CELLS, COUNTS = (0.1, 0.01), (1, 2, 4, 8), (1500, 6000, 24_000)
 WIDTH = 130  # letters that the table takes
 INNER, OUTER, TIMESTEP = 0.8, 1.25, 0.04
@@ -149,43 +153,53 @@ def study(out: Path, wanted: Sequence[Case]) -> list[dict[str, Any]]:
 
 
 def draw(rows: list[dict[str, Any]], path: Path) -> None:
-    """How far off the drift is against CPU seconds where the pressure is given, and the drift where SPH makes it."""
-    figure = Figure(figsize=(12.5, 4.2), layout="constrained")
-    FigureCanvasAgg(figure)
-    *given, sph = figure.subplots(1, 3)
-    for axes, stokes in zip(given, STOKES, strict=True):
-        draw_given(axes, [row for row in rows if row["gas"] == "given" and row["stokes"] == stokes])
-        axes.set_title(f"pressure given, St = {stokes:g} (numbers: particles in a cell)", fontsize=9)
-    given[0].set_ylabel("|drift / NSH - 1|")
-    for number, name in enumerate(KERNELS):
-        for scheme, marker in zip(SCHEMES, "os", strict=True):
-            mine = [row for row in rows if (row["gas"], row["scheme"]) == (name, scheme)]
-            x, y, error = ([row[key] for row in mine] for key in ("cpu", "drift", "error"))
-            sph.errorbar(x, y, error, fmt=marker, color=f"C{number}", ms=5, capsize=2, label=f"{name}, {scheme}")
-            sph.plot(x, [row["of_headwind"] for row in mine], marker, color=f"C{number}", mfc="none", ms=5)
-    sph.axhline(1.0, color="0.6", lw=0.8)
-    sph.set_title("pressure of SPH, St = 0.1 (open: over its headwind)", fontsize=9)
-    sph.set_ylabel("drift / NSH")
-    for axes in (*given, sph):
-        axes.set_xlabel("CPU time of the steps [s]")
-        axes.grid(alpha=0.3)
-        if axes.has_data():
-            axes.legend(frameon=False, fontsize=7)
-    figure.savefig(path, dpi=95)
+    """Error of the drift against the width of cells where the pressure is given, and the drift where SPH makes it."""
+    with rc_context(FROM_AFAR | {"xtick.labelsize": 16}):
+        figure = Figure(figsize=(16.0, 6.0), layout="constrained")
+        FigureCanvasAgg(figure)
+        *given, sph = figure.subplots(1, 3, width_ratios=(1.0, 1.0, 1.15))
+        for axes, stokes in zip(given, STOKES, strict=True):
+            draw_given(axes, [row for row in rows if row["gas"] == "given" and row["stokes"] == stokes])
+            axes.set_title(f"pressure given, St = {stokes:g}")
+        given[0].set_ylabel("drift / NSH")
+        for height, (scheme, (colour, marker, _)) in zip((0.32, 0.23), LOOKS.items(), strict=True):
+            given[0].plot(0.07, height, marker, color=colour, ms=13, transform=given[0].transAxes)
+            given[0].text(0.13, height, scheme, color=colour, va="center", transform=given[0].transAxes)
+        sizes = f"{COUNTS[0]} (thin) to {COUNTS[-1]} (thick)\nparticles of each"
+        given[0].text(0.05, 0.1, sizes, va="center", fontsize="small", transform=given[0].transAxes)
+        draw_sph(sph, [row for row in rows if row["gas"] != "given"])
+        figure.suptitle("tsc: cells of one or two h have the right drift", x=0.01, ha="left", weight="bold")
+        figure.savefig(path, dpi=95)
 
 
-def draw_given(axes: Any, rows: list[dict[str, Any]]) -> None:
-    for number, scheme in enumerate(SCHEMES):
-        for count, marker in zip(sorted({row["particles"] for row in rows}), "^os", strict=False):
+def draw_given(axes: Axes, rows: list[dict[str, Any]]) -> None:
+    """Drift against the width of cells, a line a number of particles: the more particles, the thicker."""
+    axes.axhline(1.0, color="0.6", lw=1.5)
+    counts = sorted({row["particles"] for row in rows})
+    for scheme, (colour, marker, line) in LOOKS.items():
+        for count, width in zip(counts, (1.5, 3.0, 4.5), strict=False):
             mine = [row for row in rows if (row["scheme"], row["particles"]) == (scheme, count)]
-            x, error = [row["cpu"] for row in mine], [row["error"] for row in mine]
-            off = [abs(row["drift"] - 1.0) for row in mine]
-            label = f"{scheme}, {count} of each"
-            axes.errorbar(x, off, error, fmt=marker + "-", color=f"C{number}", lw=0.8, ms=4, capsize=2, label=label)
-            for row, at in zip(mine, off, strict=True):
-                text = f"{row['per_cell']:.{int(row['per_cell'] < 10)}f}"
-                axes.annotate(text, (row["cpu"], at), (4, 3), textcoords="offset points", fontsize=6)
-    axes.set(xscale="log", yscale="log", ylim=(4e-4, 1.0))
+            x, y, error = ([row[key] for row in mine] for key in ("cell", "drift", "error"))
+            style = {"fmt": f"{marker}{line}", "color": colour, "lw": width, "ms": 4.0 + 2.0 * width, "capsize": 4}
+            axes.errorbar(x, y, error, **style)
+    axes.set(xscale="log", xlabel="width of drag cells [h]", ylim=(0.45, 1.25))
+    axes.set_xticks(CELLS, labels=map(str, CELLS))
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.locator_params(axis="y", nbins=5)
+
+
+def draw_sph(axes: Axes, rows: list[dict[str, Any]]) -> None:
+    """Drift by kernel: filled as seen, open over the headwind that the noise of the gas leaves."""
+    axes.axhline(1.0, color="0.6", lw=1.5)
+    for side, (scheme, (colour, marker, _)) in zip((-0.12, 0.12), LOOKS.items(), strict=True):
+        mine = [row for row in rows if row["scheme"] == scheme]
+        x = [list(KERNELS).index(row["gas"]) + side for row in mine]
+        y, error, over = ([row[key] for row in mine] for key in ("drift", "error", "of_headwind"))
+        axes.errorbar(x, y, error, fmt=marker, color=colour, ms=12, lw=2.5, capsize=5)
+        axes.plot(x, over, marker, color=colour, mfc="white", mew=2.5, ms=12)
+    axes.set_xticks(range(len(KERNELS)), labels=[name.replace("wendland-c4", "C4") for name in KERNELS])
+    axes.set(xlim=(-0.5, len(KERNELS) - 0.5), title="SPH pressure (open: its headwind)")
+    axes.locator_params(axis="y", nbins=5)
 
 
 def make(out: Path, console: Console, wanted: Sequence[Case] | None = None) -> list[dict[str, Any]]:
