@@ -1,4 +1,4 @@
-"""What the drift of dust past gas costs: drift over that of Nakagawa et al. (1986), with its uncertainty, against CPU.
+"""Drift of dust past gas over that of Nakagawa et al. (1986), with its uncertainty and its CPU time.
 
 Part of `analysis/cost_of_accuracy.py --studies drift`. Rings about a star with Sigma ~ 1/r, H/r = .05, as much dust as
 gas, both starting at the NSH velocities; over NSH is the radial velocity of dust minus that of gas, |r - 1| < .12:
@@ -168,7 +168,8 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
         sizes = f"{COUNTS[0]} (thin) to {COUNTS[-1]} (thick)\nparticles of each"
         given[0].text(0.05, 0.1, sizes, va="center", fontsize="small", transform=given[0].transAxes)
         draw_sph(sph, [row for row in rows if row["gas"] != "given"])
-        figure.suptitle("tsc: cells of one or two h have the right drift", x=0.01, ha="left", weight="bold")
+        message = "Drift of dust: narrow drag cells have the right drift, wide cells need many particles"
+        figure.suptitle(message, x=0.01, ha="left", weight="bold")
         figure.savefig(path, dpi=95)
 
 
