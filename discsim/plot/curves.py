@@ -73,9 +73,7 @@ def finish_profile(axes: Axes, snap: Snapshot, names: Sequence[str], display: Di
         axes.axhline(0.0, color="0.5", lw=0.8 * line_scale(), zorder=0)
     axes.grid(alpha=0.3)
     if len(axes.get_legend_handles_labels()[0]) > 1:
-        axes.legend(
-            framealpha=0.85, edgecolor="none", fontsize=9 * text_scale()
-        )  # over marks, if there is no free space
+        axes.legend(framealpha=0.85, edgecolor="none", fontsize=9 * text_scale())  # it may lie over marks
 
 
 def _decades_spanned(shown: Sequence[Array]) -> float:

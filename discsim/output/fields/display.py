@@ -116,7 +116,7 @@ class DisplayOptions:
         """Return the range of radii (in 1D of positions) to show, in code units. Raises PlotError.
 
         Radii that `window` does not give are those of the disc: for a polar map the radii of `polar_range`, otherwise
-        0 and `full_radius`. On a logarithmic axis the inner radius is that of `polar_range`, and radii must be positive.
+        0 and `full_radius`. On a logarithmic axis the inner radius is that of a polar map, and radii must be positive.
         """
         if not self.log_radius:
             return self._radii(snap, is_polar)
