@@ -138,9 +138,9 @@ assert np.allclose(measured, rate.value, rtol=0.03)
 assert np.abs(history["a"][0] / exact - 1).max() < 1e-4
 """,
     "planet_and_dust_rings": """
-place = table["radius of the maximum [au]"]
+place, over = (table.loc[name] for name in ("radius of the maximum [au]", "over the start"))
 assert abs(place["ring of 3 mm"] - place["gas pressure"]) < 2.5 and 35 < place["ring of 3 mm"] < 45
-assert table["over the start"]["ring of 3 mm"] > 2 * table["over the start"]["ring of 0.3 mm"]
+assert over["ring of 3 mm"] > 2 * over["ring of 0.3 mm"]
 assert (gas.values[-1] / gas.values[0])[near].min() < 0.75
 """,
 }
