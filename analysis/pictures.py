@@ -1,6 +1,7 @@
 """Make the pictures of whole runs again: runs of setups, and figures of their ends in `analysis/figures`.
 
     python analysis/pictures.py first_disc dusty_disc -o OUT
+    python analysis/pictures.py film_planet_dust -o OUT           a film of the gallery, with its last frame as a still
 
 A run that OUT holds is not made again, and one that was stopped goes on. Pictures keep all their colours: a palette of
 256 colours would show as bands in the colour bars.
@@ -17,6 +18,7 @@ from PIL import Image, PngImagePlugin
 
 HOME = Path(__file__).parents[1]
 FIGURES = HOME / "analysis" / "figures"
+FILM_FOLDER = HOME / "docs" / "_static" / "films"
 MAIN = ("gas.particles=6000", "dust.particles=10000", "space.cells=128", "run.until=700 yr")
 SKY = ("gas.particles=12000", "dust.particles=40000", "space.cells=256", "run.until=700 yr")
 SEEN = ("--distance", "140 pc", "--wavelength", "0.87 mm", "--wavelength", "3 mm", "--inclination", "50 deg")
@@ -36,27 +38,53 @@ PICTURES: dict[str, tuple[str, tuple[str, ...], tuple[str, ...]]] = {
     "gravitoturbulent": ("gravitoturbulent", (), ()),
     "cooling_fragments": ("cooling_fragments", (), ()),
 }
+# Films of the gallery, by "film_" and the setup: small runs, which take some minutes.
+FILMS: dict[str, tuple[str, tuple[str, ...], tuple[str, ...]]] = {
+    "film_fragmenting_disc": (
+        "fragmenting_disc",
+        ("gas.particles=16000", "dust.particles=16000", "space.cells=256", "run.until=480 yr", "run.snapshots=72"),
+        ("movie", "--field", "dust.surface_density", "--rate", "12"),
+    ),
+    "film_planet_dust": (
+        "planet_dust",
+        ("gas.particles=15000", "dust.particles=10000"),
+        ("movie", "--field", "dust.surface_density", "--rate", "8"),
+    ),
+    "film_gravitoturbulent": (
+        "gravitoturbulent",
+        ("gas.particles=16000", "space.cells=192", "run.until=1600 yr", "run.snapshots=80"),
+        ("movie", "--field", "gas.surface_density", "--rate", "12"),
+    ),
+}
+
+MADE = PICTURES | FILMS
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("names", nargs="+", choices=PICTURES, metavar="NAME", help=", ".join(PICTURES))
+    parser.add_argument("names", nargs="+", choices=MADE, metavar="NAME", help=", ".join(MADE))
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="OUT", help="directory of the runs")
-    parser.add_argument("--into", type=Path, default=FIGURES, metavar="DIR", help="directory of the pictures")
+    parser.add_argument(
+        "--into", type=Path, metavar="DIR", help=f"directory of the pictures [{FIGURES}, {FILM_FOLDER}]"
+    )
     options = parser.parse_args()
     for name in options.names:
-        store(drawn(name, options.output / name), options.into / f"{name}.png")
+        found = drawn(name, options.output / name)
+        if name in FILMS:
+            store_film(found, (options.into or FILM_FOLDER) / f"{FILMS[name][0]}.mp4")
+        else:
+            store(found, (options.into or FIGURES) / f"{name}.png")
 
 
 def drawn(name: str, run: Path) -> Path:
     """The figure of a run, which is made or finished first."""
-    setup, changes, drawing = PICTURES[name]
+    setup, changes, drawing = MADE[name]
     figure = run / "last_state.png"
     if not figure.exists():
         settings = [f"--set={change}" for change in changes]
         discsim("run", HOME / f"setups/{setup}.toml", "-o", run, *settings, *(["--resume"] if run.exists() else []))
     if drawing:
-        figure = run / f"{drawing[0]}.png"
+        figure = run / f"{drawing[0]}.{'mp4' if name in FILMS else 'png'}"
         discsim(drawing[0], run, *drawing[1:], "-o", figure)
     return figure
 
@@ -74,6 +102,19 @@ def store(figure: Path, path: Path) -> None:
                 texts.add_text(key, text)
         image.convert("RGB").save(path, optimize=True, pnginfo=texts)
     print(f"{path}: {path.stat().st_size / 1000:.0f} kB")
+
+
+def store_film(film: Path, path: Path) -> None:
+    """Write a film as small as a page needs it, ready to play while it loads, and its last frame as a still."""
+    from imageio_ffmpeg import get_ffmpeg_exe
+
+    encoder = [get_ffmpeg_exe(), "-y", "-loglevel", "error"]
+    small = ["-c:v", "libx264", "-crf", "23", "-preset", "veryslow", "-pix_fmt", "yuv420p", "-movflags", "+faststart"]
+    still = path.with_suffix(".jpg")
+    subprocess.run([*encoder, "-i", film, *small, path], check=True)
+    subprocess.run([*encoder, "-sseof", "-0.2", "-i", film, "-update", "1", "-q:v", "3", still], check=True)
+    for file in (path, still):
+        print(f"{file}: {file.stat().st_size / 1000:.0f} kB")
 
 
 if __name__ == "__main__":

@@ -38,6 +38,12 @@ SHIPPED = {
     "twin_oneway": "oneway_twoway.png",
     "twin_twoway": "oneway_twoway.png",
 }
+# Films of smaller runs, by `analysis/pictures.py film_NAME`, with what they show in words.
+FILMS = {
+    "fragmenting_disc": "Spiral arms of dust grow within half an orbit, and break into clumps that orbit the star.",
+    "gravitoturbulent": "A smooth disc of gas cools, and spiral arms form, which shear apart and form again.",
+    "planet_dust": "One frame for each orbit of the planet: it opens a gap, and dust gathers in rings at the edges.",
+}
 # What makes the run of a figure a short one. Setups that are in neither list run as they are.
 SMALLER = {
     "background_dust": ["dust.particles=20000", "dust.placement=random"],
@@ -98,6 +104,8 @@ def entry(each: Setup) -> Iterator[str]:
         yield f"![{each.title}: the state at the end]({where})\n"
         if each.name in SMALLER:
             yield f"*Of a short run, with {', '.join(f'`{change}`' for change in SMALLER[each.name])}.*\n"
+    if each.name in FILMS:
+        yield from film(each.name)
     seen = each.notes["What you will see"]
     yield f"{seen[0].upper()}{seen[1:]}\n"
     yield from (f"- {label}: {text}" for label, text in each.notes.items() if label != "What you will see")
@@ -105,3 +113,11 @@ def entry(each: Setup) -> Iterator[str]:
     yield f"<details><summary><code>setups/{each.name}.toml</code></summary>\n"
     yield f"```{{literalinclude}} {os.path.relpath(each.path, HERE)}\n:language: toml\n```\n"
     yield "</details>\n"
+
+
+def film(name: str) -> Iterator[str]:
+    """The film of a setup, which loads only when it is played; the text is for readers without it."""
+    path, text = f"_static/films/{name}", FILMS[name]
+    yield f'<video controls muted loop playsinline preload="none" poster="{path}.jpg" aria-label="{text}">'
+    yield f'<source src="{path}.mp4" type="video/mp4"><a href="{path}.mp4">{text}</a></video>\n'
+    yield f"*Film of a smaller run, by `python analysis/pictures.py film_{name} -o OUT`: {text}*\n"

@@ -225,6 +225,25 @@ def test_pictures_of_whole_runs_are_made_by_one_script():
     assert shipped <= pictures.PICTURES.keys()
 
 
+def test_films_of_the_gallery_are_small_and_are_made_by_the_same_script():
+    """A page shows each film with controls, without sound, within the page on a phone, and says what it shows."""
+    pictures, gallery = module_of("analysis/pictures.py"), module_of("docs/gallery.py")
+    assert sorted(pictures.FILMS) == [f"film_{name}" for name in sorted(gallery.FILMS)]
+    for setup, changes, (command, *options) in pictures.FILMS.values():
+        assert load_scene(HOME / f"setups/{setup}.toml", changes) and command == "movie"
+        assert set(options[::2]) <= set(re.findall(r"--\w+", CliRunner().invoke(app, ["movie", "--help"]).stdout))
+        film = HOME / f"docs/_static/films/{setup}.mp4"
+        assert film.read_bytes()[4:8] == b"ftyp" and 10_000 < film.stat().st_size < 500_000
+        shown = "\n".join(gallery.film(setup))
+        for name in re.findall(r'(?:src|poster)="(\S+)"', shown):
+            assert (HOME / "docs" / name).is_file()
+        attributes = set(re.search(r"<video (.*?) poster", shown)[1].split())
+        assert {"controls", "muted", "loop", "playsinline"} <= attributes
+        with Image.open(film.with_suffix(".jpg")) as still:
+            assert min(still.size) > 400
+        assert shown.count(gallery.FILMS[setup]) == 3  # for screen readers, without video, and below the film
+
+
 def test_differences_of_radii_are_those_of_the_table():
     """Two-way less one-way, after 40 orbits, by the number of particles and of the model."""
     text = PAGES["docs/backreaction.md"]
