@@ -8,8 +8,8 @@ and 3 mm grains of the README at 20 yr, optically thin at 1.3 mm; "thick", the s
 last snapshot into folders of OUT, runs RADMC-3D (and MCFOST) in them, reads their results, and prints a table, which it
 also writes into OUT. Results that OUT has already are not computed again. Fluxes are at 140 pc, without the star.
 
-flux          of `discsim image` and of RADMC-3D with the same temperatures, those of the gas; by cells in azimuth and
-              by inclination in degrees
+flux          of `discsim image` and of RADMC-3D with the same temperatures, those of the gas, and that of the exported
+              cells as a disc without height; by cells in azimuth and by inclination in degrees
 temperature   of the mid-plane, a mean over azimuth, and the flux, from
               RADMC-3D and MCFOST    temperatures that the code computes from the star's light, by packages of photons
               gas                    the temperature of the gas in the scene
@@ -33,6 +33,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from astropy import constants, units
 from astropy.io import fits
+from astropy.modeling.models import BlackBody
 from astropy.table import QTable
 from script_helpers import whole_numbers
 
@@ -119,7 +120,11 @@ def run_named(given: str, out: Path) -> Run:
 def exported(snap: Snapshot, to: str, folder: Path, **options: Any) -> Path:
     """Return a folder with an export of a snapshot, which is written unless it is there. Raises UserError."""
     star = {"star_radius": STAR_RADIUS, "star_temperature": STAR_TEMPERATURE}
-    return folder if folder.exists() else discsim.export.write(snap, to, folder, **star, **options)
+    if not folder.exists():
+        discsim.export.write(snap, to, folder, **star, **options)
+    if (folder / "dustkappa_dust1.inp").exists():
+        raise InputError(f"{folder}: several species of dust; expected a run with one grain size")
+    return folder
 
 
 def grid_of(folder: Path) -> Grid:
@@ -133,6 +138,29 @@ def jansky(specific: Array, pixel: Any) -> float:
     """Return the flux in Jy of an image in erg/s/cm2/Hz/sr, with the length `pixel` of a side of its pixels."""
     angle = (pixel / units.Quantity(DISTANCE)).to_value("", units.dimensionless_angles())
     return float((specific.sum() * angle**2 * units.Unit("erg/(s cm2 Hz)")).to_value("Jy"))
+
+
+def planck(temperature: Any) -> Any:
+    """Return the intensity of a black body at MICRONS in Jy/sr, for temperatures in K."""
+    return (BlackBody(temperature * units.K)(MICRONS * units.um) * units.sr).to_value("Jy")
+
+
+def cell_values(folder: Path, name: str) -> Array:
+    """Return the values [phi, theta, r] in a binary file of RADMC-3D with one species of dust."""
+    return np.fromfile(folder / name, dtype="<f8")[4:].reshape([len(edges) - 1 for edges in grid_of(folder)[::-1]])
+
+
+def flux_of_cells(folder: Path, inclination: float) -> float:
+    """Return the flux in Jy of an export with temperatures, if the dust in its cells had no height."""
+    grid, cosine = grid_of(folder), np.cos(np.radians(inclination))
+    density, heat = (cell_values(folder, name) for name in ("dust_density.binp", "dust_temperature.bdat"))
+    height = np.diff(grid.r**3) / 3.0 * -np.diff(np.cos(grid.theta))[:, None]  # volume by angle in phi
+    area = 0.5 * np.diff(grid.r**2)
+    wavelength, kappa = np.loadtxt(folder / "dustkappa_dust0.inp", skiprows=3).T
+    opacity = np.exp(np.interp(np.log(MICRONS), np.log(wavelength), np.log(kappa)))
+    depth = opacity * (density * height).sum(axis=1) / (area * cosine)
+    flux = -np.expm1(-depth) * planck(heat[:, 0]) * area * np.diff(grid.phi)[:, None] * cosine
+    return float(flux.sum() / units.Quantity(DISTANCE).to_value("cm") ** 2)
 
 
 def radmc3d_flux(radmc3d: str, folder: Path, inclination: float, side: float) -> float:
@@ -163,10 +191,8 @@ def mcfost_results(mcfost: str, folder: Path, packages: int) -> tuple[Array, flo
         call(folder, "image.log", *words, "-img", MICRONS, "-Jy", "-resol", MCFOST_PIXELS, MCFOST_PIXELS)
     image = fits.getdata(folder / f"data_{MICRONS}" / "RT.fits.gz")
     solid_angle = np.pi * (STAR_RADIUS / units.Quantity(DISTANCE)).to_value("") ** 2
-    wavelength = MICRONS * units.um
-    x = (constants.h * constants.c / (wavelength * constants.k_B * STAR_TEMPERATURE)).to_value("")
-    star = 2.0 * constants.h * constants.c / wavelength**3 / np.expm1(x) * solid_angle
-    return fits.getdata(folder / "data_th" / "Temperature.fits.gz"), float(image[0, 0, 0].sum() - star.to_value("Jy"))
+    star = solid_angle * planck(STAR_TEMPERATURE.value)
+    return fits.getdata(folder / "data_th" / "Temperature.fits.gz"), float(image[0, 0, 0].sum() - star)
 
 
 def mid_plane(temperature: Array) -> Array:
@@ -177,8 +203,7 @@ def mid_plane(temperature: Array) -> Array:
 
 def mass_mean(temperature: Array, folder: Path, grid: Grid) -> Array:
     """Return the mean (rings,) over mass of temperatures [phi, theta, r] of one species of dust."""
-    density = np.fromfile(folder / "dust_density.binp", dtype="<f8")[4:].reshape(temperature.shape)
-    mass = density * -np.diff(np.cos(grid.theta))[:, None]
+    mass = cell_values(folder, "dust_density.binp") * -np.diff(np.cos(grid.theta))[:, None]
     return (mass * temperature).sum(axis=(0, 1)) / np.maximum(mass.sum(axis=(0, 1)), 1e-300)
 
 
@@ -191,9 +216,9 @@ def compare_fluxes(given: Any, snap: Snapshot) -> tuple[str, list[str], list[lis
         for inclination in given.inclination:
             ours, side = our_flux(snap, inclination=f"{inclination} deg")
             theirs = radmc3d_flux(radmc3d, folder, inclination, side)
-            row = [cells, inclination, f"{ours:.5g}", f"{theirs:.5g}", f"{100.0 * (theirs / ours - 1.0):.2f}"]
-            rows.append(row)
-    head = ["cells", "inclination [deg]", "discsim [Jy]", "RADMC-3D [Jy]", "difference [%]"]
+            fluxes = [ours, flux_of_cells(folder, inclination), theirs]
+            rows.append([cells, inclination, *(f"{x:.5g}" for x in fluxes), f"{100.0 * (theirs / ours - 1.0):.2f}"])
+    head = ["cells", "inclination [deg]", "discsim [Jy]", "cells [Jy]", "RADMC-3D [Jy]", "difference [%]"]
     return f"{snap.title}: flux at {MICRONS / 1000} mm and {DISTANCE}, temperature of the gas", head, rows
 
 
@@ -206,8 +231,6 @@ def compare_temperatures(given: Any, snap: Snapshot) -> tuple[str, list[str], li
         f"{given.name}-{{}}-{given.cells[0]}-{given.alpha:g}",
     )
     folder = exported(snap, "radmc3d", given.output / name.format("radmc3d"), **options)
-    if (folder / "dustkappa_dust1.inp").exists():
-        raise InputError(f"{given.run}: several species of dust; expected a run with one grain size")
     grid = grid_of(folder)
     found = radmc3d_temperature(radmc3d, folder, given.packages)
     by_mass = mass_mean(found, folder, grid)

@@ -121,6 +121,7 @@ def test_fluxes_are_those_of_a_thin_disc_and_of_a_uniform_image(disc, compare):
     for row, inclination in zip(rows, (0.0, 40.0), strict=True):
         assert (row["cells"], float(row["inclination [deg]"])) == ("48", inclination)
         assert float(row["discsim [Jy]"]) == pytest.approx(ours, rel=5e-3)
+        assert float(row["cells [Jy]"]) == pytest.approx(ours, rel=8e-3)  # cells 13% of r wide
         theirs = 1e23 * INTENSITY * np.cos(np.radians(inclination)) * (side / (140 * u.pc)).to_value("") ** 2
         assert float(row["RADMC-3D [Jy]"]) == pytest.approx(theirs, rel=1e-4)
         ratio = float(row["RADMC-3D [Jy]"]) / float(row["discsim [Jy]"])
@@ -154,6 +155,18 @@ def test_temperatures_are_those_of_the_cells_at_the_mid_plane(disc, compare, tmp
     assert rows["discsim, RADMC-3D's T"][:3] == pytest.approx(by_mass, rel=5e-3)
     whole = flux_of(disc, 90 * (r / 10) ** -0.6 * (1.5 - 0.5 * part[0]))
     assert rows["discsim, RADMC-3D's T"][3] == pytest.approx(whole, rel=8e-3, abs=1e-6)
+
+
+def test_cells_of_an_optically_thick_export_shine_as_black_bodies(disc, tmp_path):
+    """tau above 60: B(T) cos i times the area of the disc, or up to that of the grid with 4 more rings at each edge."""
+    module, opacity = import_module("transfer"), "2e5 cm2/g"
+    options = {"alpha": 1.0, "cells": 48, "opacity": opacity, "temperature": "31 K"}
+    folder = module.exported(disc, "radmc3d", tmp_path / "thick", **options)
+    r, _, _ = radmc3d_grid(folder)
+    whole, bare = (np.pi * (hi**2 - lo**2) for lo, hi in ((r[0], r[-1]), (r[4], r[-5])))
+    planck = (BlackBody(31 * u.K)(FREQUENCY) * u.sr).to_value("Jy") * np.cos(np.radians(75))
+    limits = [planck * area / (140 * u.pc).to_value("cm") ** 2 for area in (bare, whole)]
+    assert limits[0] * (1 - 1e-9) < module.flux_of_cells(folder, 75.0) < limits[1]
 
 
 def test_what_is_there_is_not_computed_again(compare, tmp_path):
