@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 DOLLAR = re.compile(r"(?<!\\)\$")  # a dollar sign that begins or ends mathematics
+MAX_LINE = 400  # characters of a line in a title
 MAX_BROKEN = 4  # largest number of lines into which a line of text is broken
 MAX_TEXT_WIDTH = 2000.0  # largest width in points of a line with mathematics; wider lines may exhaust the memory
 
@@ -48,6 +49,7 @@ PLAIN_RANGE = (1e-4, 1e5)  # range of numbers that are written without a power o
 LEFT, RIGHT, BELOW, TITLE = 0.85, 0.25, 0.55, 0.9  # space left of, right of and below axes, and for titles
 COLUMN, MAP, ROW = 5.8, 3.9, 2.9  # pitch of maps, side of a map, pitch of profiles
 BAR = (0.08, 0.2)  # distance and width of a colour bar
+LABEL_WIDTH = 0.5  # of a number at the ticks of a horizontal colour bar
 BAR_BELOW = (0.57, 0.14, 0.65)  # distance and width of a colour bar below axes, and the space that it adds there
 
 
@@ -66,7 +68,8 @@ def broken(line: str, width: float, size: float) -> list[str]:
     """
 
     def fits(text: str) -> bool:
-        return TextPath((0.0, 0.0), text, size=size).get_extents().width < 72.0 * width - size
+        few = len(text) < MAX_LINE  # matplotlib takes a second for the width of a thousand characters
+        return few and bool(TextPath((0.0, 0.0), text, size=size).get_extents().width < 72.0 * width - size)
 
     if not line or fits(line):
         return [line]
@@ -270,11 +273,13 @@ def draw_colour_bar(axes: Axes, image: Any, label: str, below: bool = False) -> 
     bar_axes = axes.inset_axes(bar)
     figure.colorbar(image, cax=bar_axes, label=label, orientation="horizontal" if below else "vertical")
     if isinstance(image.norm, LogNorm):
-        set_log_ticks(bar_axes.xaxis if below else bar_axes.yaxis, image.norm.vmin, image.norm.vmax)
+        width = axes.get_position().width * figure.get_size_inches()[0] / text_scale()
+        most = int(width / LABEL_WIDTH) if below else 99
+        set_log_ticks(bar_axes.xaxis if below else bar_axes.yaxis, image.norm.vmin, image.norm.vmax, most)
 
 
-def set_log_ticks(axis: Axis, low: float | None, high: float | None) -> None:
-    """Label the ticks of a logarithmic axis from `low` to `high` with plain numbers, if these are short.
+def set_log_ticks(axis: Axis, low: float | None, high: float | None, most: int = 99) -> None:
+    """Label at most `most` ticks of a logarithmic axis from `low` to `high` with plain numbers, if these are short.
 
     matplotlib takes longer to typeset powers of ten than to draw the lines. An axis over at most two decades gets ticks
     at 1, 2 and 5 times powers of ten; over at most a factor of 4 it gets evenly spaced ticks.
@@ -286,7 +291,10 @@ def set_log_ticks(axis: Axis, low: float | None, high: float | None) -> None:
         axis.set_minor_formatter(NullFormatter())
     else:
         is_wide = high > 4.0 * low
-        axis.set_major_locator(LogLocator(subs=[1.0, 2.0, 5.0]) if is_wide else MaxNLocator(6, steps=[1, 2, 5, 10]))
+        # Two decades have up to seven ticks at 1, 2 and 5.
+        subs = [1.0, 2.0, 5.0] if 3.0 * np.log10(high / low) + 1.0 <= most else [1.0, 3.0]
+        even = MaxNLocator(max(1, min(6, most - 1)), steps=[1, 2, 5, 10])
+        axis.set_major_locator(LogLocator(subs=subs) if is_wide else even)
         axis.set_minor_locator(NullLocator())
     axis.set_major_formatter(FuncFormatter(lambda value, index: number_text(value)))
 

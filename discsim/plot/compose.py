@@ -53,7 +53,7 @@ from discsim.plot import curves, marks, overlays, pictures, style
 
 MAX_PANELS_PER_ROW = 3  # in a figure of one run
 PROFILE_WIDTH = 1.25  # width of a profile in units of the width of a map
-MIN_SIDE = 1.0  # smallest side of a map, in inches
+MIN_SIDE = 2.0  # smallest side, for text of the default size, to which the height of the style reduces maps, in inches
 # Colours of Okabe & Ito (2008).
 RUN_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 Norms = Mapping[str, Normalize]
@@ -97,7 +97,8 @@ class PanelFigure:
         side = MAP
         if below:
             side = ((total - end * text) / most - left - right) / self.width
-            side = max(min(side, (look.height - top - between * (down - 1)) / down - under), MIN_SIDE)
+            lower = (look.height - top - between * (down - 1)) / down - under
+            side = max(min(side, max(lower, MIN_SIDE * text)), 0.5)
         pitch, row = left + side * self.width + right, side + under + between
         size = (pitch * most + end * text, row * (down - 1) + side + under + top)
         figure = Figure(figsize=size, dpi=dpi or look.resolution(self.is_single))

@@ -22,7 +22,7 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 
 from discsim.output.drawing import Picture, axis_unit, common_norm, number_text
-from discsim.output.fields.base import PlotError
+from discsim.output.fields.base import FieldError, PlotError
 from discsim.output.fields.display import DisplayOptions
 from discsim.output.fields.frame import omega
 from discsim.output.fields.names import (
@@ -134,7 +134,7 @@ def _note(axes: Axes, text: str, line: int) -> None:
     where = (0.6 * size, -(0.6 + 1.5 * line) * size)
     axes.annotate(
         text, (0.0, 1.0), where, "axes fraction", "offset points", ha="left", va="top", fontsize=size, color=ink,
-        path_effects=_outline(1.5, edge),
+        zorder=6, bbox={"facecolor": edge, "edgecolor": "none", "alpha": 0.6, "pad": 0.15 * size},
     )  # fmt: skip
 
 
@@ -186,7 +186,10 @@ def contour_field(display: DisplayOptions, name: str, snap: Snapshot) -> str | N
     """
     if display.contours is None:
         return None
-    names, (population, plain) = available_fields(display.contours[0], snap), split_population(name)
+    try:
+        names, (population, plain) = available_fields(display.contours[0], snap), split_population(name)
+    except FieldError as error:
+        raise FieldError(f"{display.prefix}contours: {error}") from None
     found = next((each for each in names if each.partition(".")[0] == plain.partition(".")[0]), names[0])
     return with_populations([found], [population] if population is not None else [])[0]
 
@@ -218,7 +221,10 @@ def _streamlines(picture: Picture, binned: BinnedFields, display: DisplayOptions
         species = "gas" if binned.snap.gas is not None else "dust"
     binned = binned.of_population(population) if population is not None and species == "dust" else binned
     snap, frame = binned.snap, str(display.streamlines)
-    available_fields(f"{species}.v_phi_excess" if frame == "kepler" else f"{species}.v_y", snap)
+    try:
+        available_fields(f"{species}.v_phi_excess" if frame == "kepler" else f"{species}.v_y", snap)
+    except FieldError as error:
+        raise FieldError(f"{display.prefix}streamlines: {error}") from None
     p = snap.species[species]
     rate = _angular_velocity(snap, p.radius, frame, f"{display.prefix}streamlines")
     vel = p.vel - rate[:, None] * np.stack([-p.pos[:, 1], p.pos[:, 0]], axis=1)
@@ -242,6 +248,7 @@ def _angular_velocity(snap: Snapshot, radius: Array, frame: str, argument: str) 
     number, bodies = int(text or 1), snap.bodies
     if bodies is None or bodies.vel is None or number >= bodies.count:
         count = 0 if bodies is None else bodies.count - 1
-        raise PlotError(f'{argument}: "{frame}": the run has {count} companions; expected scene or kepler')
+        wanted = f"one from companion.1 to companion.{count}, or " if count else ""
+        raise PlotError(f"{argument}: the run has no companion {number}; expected {wanted}scene or kepler")
     (x, y), (vx, vy) = bodies.pos[number], bodies.vel[number]
     return np.full_like(radius, (x * vy - y * vx) / (x * x + y * y))

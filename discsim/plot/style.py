@@ -150,5 +150,5 @@ def check_pixels(inches: Any, dpi: float, is_frame: bool = False) -> None:
         what, most = "figure", f"{MAX_PIXELS:_} pixels"
         if is_frame:
             what, most = "frame", f"{MAX_FRAME_SIDE} pixels on each side"
-        remedy = "give a smaller --dpi, or fewer fields"
+        remedy = "give fewer dpi, or fewer fields"
         raise PlotError(f"{dpi:g} dpi: the {what} has {across} x {up} pixels; expected at most {most}; {remedy}")

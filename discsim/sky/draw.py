@@ -11,6 +11,7 @@ from discsim.output.drawing import BAR_BELOW, axes_at, broken, draw_colour_bar, 
 from discsim.output.fields.base import PlotError
 from discsim.output.ink import checked_colour_map, contrast, line_scale, shade, text_scale
 from discsim.plot import style
+from discsim.plot.compose import MIN_SIDE
 from discsim.version import __version__
 
 if TYPE_CHECKING:
@@ -90,7 +91,7 @@ def figure_of(maps: Sequence[SkyMap], **options: Any) -> Figure:
     above = (look.line * (max(title.count("\n") for title in titles) + len(heads) - 1) + TOP) * text
     bar = BAR_BELOW[2] * text if below else 0.0
     bottom = bar + (BOTTOM + (0.13 * max(0, max(note.count("\n") for note in notes) - 2))) * text
-    side = max(min(width, look.height - above - bottom), 1.0)
+    side = max(min(width, max(look.height - above - bottom, MIN_SIDE * text)), 0.5)
     pitch, height = left + side + right, bottom + side + above
     figure = Figure(figsize=(pitch * count, height), dpi=look.resolution(count == 1))
     for number, (sky, title, note) in enumerate(zip(maps, titles, notes, strict=True)):

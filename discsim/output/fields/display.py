@@ -265,7 +265,10 @@ def _parse_contours(given: Any, name: str) -> tuple[str, tuple[float, ...]] | No
     if given is None:
         return None
     word, equals, text = str(given).partition("=")
-    matching_fields(word)
+    try:
+        matching_fields(word or "no field")
+    except FieldError as error:
+        raise FieldError(f"{name}: {error}") from None
     try:
         levels = sorted({float(part) for part in text.split(",")}) if equals else []
     except ValueError:
