@@ -143,8 +143,8 @@ def plot(
     if len(given) > 1:
         fail(f"{' and '.join(given)} cannot be combined; keep one of these options")
     from discsim.output.fields.display import display_options
+    from discsim.output.style import use_style
     from discsim.plot.request import Request, default_path, save
-    from discsim.plot.style import use_style
 
     kind = "phase" if against else given[0].removeprefix("--") if given else None
     with exit_on_fault("written", "the figure"), use_style(style, "--"):
@@ -191,8 +191,8 @@ def movie(
 ) -> None:
     """Make a film of a run, with one frame for each snapshot."""
     from discsim.output.fields.display import display_options
+    from discsim.output.style import use_style
     from discsim.plot.film import Film, default_path
-    from discsim.plot.style import use_style
 
     with exit_on_fault("written", "the figure"), use_style(style, "--"):
         display = display_options(

@@ -86,7 +86,7 @@ def image(
     ] = None,
 ) -> None:
     """Make images on the sky, as a figure and FITS files."""
-    from discsim.plot.style import use_style
+    from discsim.output.style import use_style
     from discsim.sky.image import ImageOptions
     from discsim.sky.products import write_products
 

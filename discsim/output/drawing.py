@@ -48,6 +48,7 @@ PLAIN_RANGE = (1e-4, 1e5)  # range of numbers that are written without a power o
 # Layout in inches. Positions of axes are fixed, because matplotlib's automatic layout takes longer than drawing.
 LEFT, RIGHT, BELOW, TITLE = 0.85, 0.25, 0.55, 0.9  # space left of, right of and below axes, and for titles
 COLUMN, MAP, ROW = 5.8, 3.9, 2.9  # pitch of maps, side of a map, pitch of profiles
+MIN_SIDE = 2.0  # smallest side, for text of the default size, to which the height of the style reduces maps, in inches
 BAR = (0.08, 0.2)  # distance and width of a colour bar
 LABEL_WIDTH = 0.5  # of a number at the ticks of a horizontal colour bar
 BAR_BELOW = (0.57, 0.14, 0.65)  # distance and width of a colour bar below axes, and the space that it adds there

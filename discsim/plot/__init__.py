@@ -19,10 +19,10 @@ from discsim.output.fields.display import DisplayOptions, display_options
 from discsim.output.fields.names import available_fields, field_named, field_rows, matching_fields, species_text
 from discsim.output.snapshot import Snapshot, snapshot_files
 from discsim.output.sources import Source, read_for_fields
+from discsim.output.style import use_style
 from discsim.plot import curves, marks, overlays, pictures
 from discsim.plot.compose import colour_range
 from discsim.plot.film import Film, default_path
-from discsim.plot.style import use_style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -12,6 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 
+from discsim.output import style
 from discsim.output.drawing import (
     BAR_BELOW,
     BELOW,
@@ -20,6 +21,7 @@ from discsim.output.drawing import (
     LEFT,
     LINES,
     MAP,
+    MIN_SIDE,
     RIGHT,
     STYLES,
     TOTAL_COLOUR,
@@ -49,11 +51,10 @@ from discsim.output.ink import text_scale
 from discsim.output.populations import population_of
 from discsim.output.snapshot import Snapshot
 from discsim.output.sources import NamedSnapshot
-from discsim.plot import curves, marks, overlays, pictures, style
+from discsim.plot import curves, marks, overlays, pictures
 
 MAX_PANELS_PER_ROW = 3  # in a figure of one run
 PROFILE_WIDTH = 1.25  # width of a profile in units of the width of a map
-MIN_SIDE = 2.0  # smallest side, for text of the default size, to which the height of the style reduces maps, in inches
 # Colours of Okabe & Ito (2008).
 RUN_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 Norms = Mapping[str, Normalize]

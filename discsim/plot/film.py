@@ -17,13 +17,14 @@ import numpy as np
 from matplotlib.colors import Normalize
 from PIL import Image
 
+from discsim.output import style
 from discsim.output.fields.base import PlotError
 from discsim.output.fields.display import DisplayOptions
 from discsim.output.files import refuse_special, replace_atomically
 from discsim.output.snapshot import snapshot_files
 from discsim.output.sources import NamedSnapshot, read_for_fields, run_directory, run_name, times_and_units
 from discsim.parts import install_command
-from discsim.plot import compose, marks, overlays, pictures, style
+from discsim.plot import compose, marks, overlays, pictures
 from discsim.plot.compose import PanelFigure
 from discsim.plot.request import file_stem
 

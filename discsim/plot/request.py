@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from discsim.output import style
 from discsim.output.drawing import figure_text
 from discsim.output.fields.base import PlotError
 from discsim.output.fields.display import DisplayOptions
@@ -21,7 +22,7 @@ from discsim.output.sources import (
     select_snapshots,
     times_and_units,
 )
-from discsim.plot import compose, marks, overlays, pictures, style
+from discsim.plot import compose, marks, overlays, pictures
 from discsim.plot.compose import PanelFigure
 from discsim.scene.orbits import stated_orbit
 from discsim.version import __version__

@@ -6,12 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from discsim.output import style
 from discsim.output.bins import density_range
-from discsim.output.drawing import BAR_BELOW, axes_at, broken, draw_colour_bar, figure_text, round_number
+from discsim.output.drawing import BAR_BELOW, MIN_SIDE, axes_at, broken, draw_colour_bar, figure_text, round_number
 from discsim.output.fields.base import PlotError
 from discsim.output.ink import checked_colour_map, contrast, line_scale, shade, text_scale
-from discsim.plot import style
-from discsim.plot.compose import MIN_SIDE
 from discsim.version import __version__
 
 if TYPE_CHECKING:

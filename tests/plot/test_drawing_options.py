@@ -20,10 +20,10 @@ from discsim.output.fields.base import PlotError
 from discsim.output.fields.display import display_options
 from discsim.output.ink import line_colour
 from discsim.output.snapshot import SnapshotParticles
+from discsim.output.style import use_style
 from discsim.plot import overlays, pictures
 from discsim.plot.film import Film
 from discsim.plot.request import Request
-from discsim.plot.style import use_style
 
 COMPANION = np.array([0.3, 3.0]), np.array([-0.41, 0.17])  # position and velocity
 PHONE = 390.0  # width of a phone in pixels of a web page
@@ -240,7 +240,7 @@ def ratio(one, other):
 @pytest.mark.parametrize("style", [None, "dark"])
 def test_text_and_curves_have_contrast_to_the_page_of_a_style(run, style):
     """4.5 for text, and 2.8 for curves, of which those of the light style have 2.9; WCAG 2 asks for 3."""
-    figure = figure_of(run, "surface_density", kind="profile", populations=["0", "1"], style=style)
+    figure = figure_of(run, "surface_density", kind="profile", populations=["0", "1"], style=style, mark="none")
     page = figure.get_facecolor()
     assert (luminance(page) < 0.05) == (style == "dark")
     assert all(ratio(text.get_color(), page) > 4.5 for text in texts(figure))
