@@ -20,6 +20,7 @@ HOME = Path(__file__).parents[1]
 FIGURES = HOME / "analysis" / "figures"
 FILM_FOLDER = HOME / "docs" / "_static" / "films"
 MAIN = ("gas.particles=6000", "dust.particles=10000", "space.cells=128", "run.until=700 yr")
+PLANET, NEAR = ("gas.particles=15000", "dust.particles=10000"), ("--window", "1.8", "--dpi", "96")
 SKY = ("gas.particles=12000", "dust.particles=40000", "space.cells=256", "run.until=700 yr")
 SEEN = ("--distance", "140 pc", "--wavelength", "0.87 mm", "--wavelength", "3 mm", "--inclination", "50 deg")
 BEAM = ("--position-angle", "30 deg", "--beam", "0.1 arcsec,0.06 arcsec,60 deg", "--noise", "20 uJy/beam")
@@ -30,6 +31,7 @@ PICTURES: dict[str, tuple[str, tuple[str, ...], tuple[str, ...]]] = {
     "first_disc": ("disc", (), ()),
     "dusty_disc": ("dusty_disc", (), ()),
     "plot_fields": ("dusty_disc", MAIN, ("plot", "--field", "toomre_q,dust_to_gas,dust.v_r")),
+    "plot_streamlines": ("planet_dust", PLANET, ("plot", "--field", "gas.v_r", "--streamlines", "companion", *NEAR)),
     "sky_image": ("dusty_disc", SKY, ("image", *SEEN, *BEAM)),
     "marks": ("planet_dust", (*GAP, "run.snapshots=15"), ("plot", *MARKS)),
     "planet_dust": ("planet_dust", (), ()),

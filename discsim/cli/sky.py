@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from discsim.cli.base import app, exit_on_fault, show
 from discsim.cli.results import CmapOption, DpiOption, StyleOption
-
-if TYPE_CHECKING:
-    pass
 
 
 @app.command()

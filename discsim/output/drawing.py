@@ -251,7 +251,8 @@ def draw_scale_bar(axes: Axes, picture: Picture) -> None:
     x, y, long = left + 0.05 * side, picture.y[0] + 0.05 * side, bar * (picture.scale or 1.0)
     under = picture.values[: len(picture.values) // 8 : 8, : picture.values.shape[1] // 3 : 8]
     colour, other = contrast(axes.images[0], under)
-    style: dict[str, Any] = {"color": colour, "path_effects": [withStroke(linewidth=1.5, foreground=other)]}
+    outline = withStroke(linewidth=4.0 if picture.overlays else 1.5, foreground=other)
+    style: dict[str, Any] = {"color": colour, "path_effects": [outline]}
     axes.plot([x, x + long], [y, y], lw=1.5 * line_scale(), solid_capstyle="butt", **style)
     text = f"{bar:g} {unit}".strip()
     axes.text(x + 0.5 * long, y + 0.015 * side, text, ha="center", va="bottom", fontsize=9 * text_scale(), **style)

@@ -72,7 +72,8 @@ def checked_colour_map(given: Any, prefix: str = "") -> Colormap:
         known = {name.lower(): name for name in colormaps}
         near = get_close_matches(str(given)[:80].lower(), known, 3, 0.5) or ["viridis", "inferno", "rdbu"]
         names = ", ".join(known[name] for name in near)
-        raise PlotError(f"{shown} is not a colour map of matplotlib; the nearest names are {names}")
+        library = "cmasher" if str(given).startswith("cmr.") else "matplotlib"
+        raise PlotError(f"{shown} is not a colour map of {library}; the nearest names are {names}")
     return colormaps[given]
 
 

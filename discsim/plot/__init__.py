@@ -54,7 +54,7 @@ def field_map(source: Source, field: str = "gas.surface_density", ax: Axes | Non
         matplotlib axes to draw on; by default those of a new figure.
     **options
         `window`, `pixels`, `distance`, `wavelength` and `opacity` as in `Snapshot.field`; `limits`, the lowest and
-        highest value shown, in the unit of the axes; and `mark`, as `--mark` of `discsim plot`.
+        highest value shown, in the unit of the axes; and `mark`, `cmap`, `contours` and `streamlines`, as in `discsim plot`.
 
     Returns
     -------
@@ -82,7 +82,8 @@ def polar_map(source: Source, field: str = "gas.surface_density", ax: Axes | Non
         matplotlib axes to draw on; by default those of a new figure.
     **options
         `window`, `pixels`, `distance`, `wavelength` and `opacity` as in `Snapshot.field`; `limits`, the lowest and
-        highest value shown, in the unit of the axes; and `mark`, as `--mark` of `discsim plot`.
+        highest value shown, in the unit of the axes; and `mark`, `cmap`, `log_radius`, `contours` and `streamlines`, as in
+        `discsim plot`.
 
     Returns
     -------
@@ -111,7 +112,7 @@ def profile(source: Source, field: str = "surface_density", ax: Axes | None = No
         matplotlib axes to draw on; by default those of a new figure.
     **options
         `window`, `pixels`, `distance`, `wavelength` and `opacity` as in `Snapshot.field`; `limits`, the lowest and
-        highest value shown, in the unit of the axes; and `mark`, as `--mark` of `discsim plot`.
+        highest value shown, in the unit of the axes; and `mark` and `log_radius`, as in `discsim plot`.
 
     Returns
     -------
@@ -150,7 +151,7 @@ def time_map(
         matplotlib axes to draw on; by default those of a new figure.
     **options
         `window`, `pixels`, `distance`, `wavelength` and `opacity` as in `Snapshot.field`; `limits`, the lowest and
-        highest value shown, in the unit of the axes; and `mark`, as `--mark` of `discsim plot`.
+        highest value shown, in the unit of the axes; and `mark`, `cmap`, `log_radius` and `contours`, as in `discsim plot`.
 
     Returns
     -------
@@ -185,7 +186,7 @@ def phase(
         matplotlib axes to draw on; by default those of a new figure.
     **options
         `window`, `pixels`, `distance`, `wavelength` and `opacity` as in `Snapshot.field`; `limits`, the lowest and
-        highest value shown, in the unit of the axes; and `mark`, as `--mark` of `discsim plot`.
+        highest value shown, in the unit of the axes; and `mark` and `cmap`, as in `discsim plot`.
 
     Returns
     -------
@@ -203,7 +204,10 @@ def phase(
     return ax
 
 
-def movie(source: str | Path, path: str | Path | None = None, *words: str, rate: float = 10.0, **options: Any) -> Path:
+def movie(
+    source: str | Path, path: str | Path | None = None, *words: str, rate: float = 10.0, dpi: int | None = None,
+    **options: Any,
+) -> Path:  # fmt: skip
     """Write a film with one frame per snapshot of a run.
 
     Parameters
@@ -216,6 +220,8 @@ def movie(source: str | Path, path: str | Path | None = None, *words: str, rate:
         Names of the fields; by default "surface_density".
     rate : float
         Frames per second.
+    dpi : int, optional
+        Pixels per inch of the frames.
     **options
         As in `field_map`.
 
@@ -231,7 +237,7 @@ def movie(source: str | Path, path: str | Path | None = None, *words: str, rate:
     OSError
         If the file cannot be written.
     """
-    film = Film(Path(source), words, rate=rate, display=display_options(**options))
+    film = Film(Path(source), words, rate=rate, display=display_options(**options), dpi=dpi)
     where = Path(path) if path is not None else default_path(film)
     film.save(where)
     return where

@@ -285,9 +285,11 @@ def test_dpi_sets_the_pixels_of_figures_and_frames(run, tmp_path):
     frame, count = opened(film)
     assert frame.size == tuple(np.floor(60 * inches).astype(int)) and count == 3
     assert max(frame.getpixel((1, 1))) < 40  # the page is dark
+    with pytest.raises(PlotError, match=r"^dpi: 20; expected a whole number from 30 to 1200$"):
+        discsim.plot.movie(run, tmp_path / "small.gif", dpi=20)
     with pytest.raises(PlotError, match=r"^900 dpi: the frame has .* at most 4096 pixels"):
         Film(run, ["toomre_q"], dpi=1200 * 3 // 4).save(tmp_path / "large.gif")
-    assert not (tmp_path / "large.gif").exists()
+    assert {path.name for path in tmp_path.iterdir()} == {"q.png", "q.gif"}
 
 
 REFUSED = {
