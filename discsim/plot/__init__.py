@@ -54,7 +54,8 @@ def field_map(source: Source, field: str = "gas.surface_density", ax: Axes | Non
         matplotlib axes to draw on; by default those of a new figure.
     **options
         `window`, `pixels`, `distance`, `wavelength` and `opacity` as in `Snapshot.field`; `limits`, the lowest and
-        highest value shown, in the unit of the axes; and `mark`, `cmap`, `contours` and `streamlines`, as in `discsim plot`.
+        highest value shown, in the unit of the axes; and `mark`, `cmap`, `contours` and `streamlines`, as in
+        `discsim plot`.
 
     Returns
     -------
@@ -82,8 +83,8 @@ def polar_map(source: Source, field: str = "gas.surface_density", ax: Axes | Non
         matplotlib axes to draw on; by default those of a new figure.
     **options
         `window`, `pixels`, `distance`, `wavelength` and `opacity` as in `Snapshot.field`; `limits`, the lowest and
-        highest value shown, in the unit of the axes; and `mark`, `cmap`, `log_radius`, `contours` and `streamlines`, as in
-        `discsim plot`.
+        highest value shown, in the unit of the axes; and `mark`, `cmap`, `log_radius`, `contours` and `streamlines`,
+        as in `discsim plot`.
 
     Returns
     -------
@@ -151,7 +152,8 @@ def time_map(
         matplotlib axes to draw on; by default those of a new figure.
     **options
         `window`, `pixels`, `distance`, `wavelength` and `opacity` as in `Snapshot.field`; `limits`, the lowest and
-        highest value shown, in the unit of the axes; and `mark`, `cmap`, `log_radius` and `contours`, as in `discsim plot`.
+        highest value shown, in the unit of the axes; and `mark`, `cmap`, `log_radius` and `contours`, as in
+        `discsim plot`.
 
     Returns
     -------
