@@ -229,5 +229,5 @@ def time_in_code_units(given: Any, units: Units, scene_text: str) -> float:
     if not isinstance(given, str):
         return float(units.in_code(given, "time") if hasattr(given, "unit") else given)
     if not mentions_orbits(given):
-        return units.of_text(given, "time")
+        return float(units.of_text(given, "time"))
     return OrbitalPeriods(tomllib.loads(scene_text), units).parse(given)
