@@ -225,6 +225,9 @@ class Scheme:
         heating the kick may read `acc` of ghosts too.
     conserves : bool
         Whether the kick conserves momentum to rounding.
+    by_component : bool
+        Whether a kick changes each component of the velocities by itself, as a shearing box needs for the azimuthal
+        velocity. False for impulses along the line between two particles.
     sizes : bool
         Whether the grains of a population may have different sizes.
     damps : bool
@@ -248,6 +251,7 @@ class Scheme:
     rings: int = -1
     reads: tuple[str, ...] = EVERYTHING
     conserves: bool = True
+    by_component: bool = True
     sizes: bool = False
     damps: bool = False
     unused: Keys = field(default_factory=dict)

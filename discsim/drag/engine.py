@@ -38,6 +38,33 @@ def moving_mass(dust: DustOfState) -> Array:
     return dust.mass if dust.immobile is None else np.where(dust.immobile, 0.0, dust.mass)
 
 
+def azimuthal(state: State, gas: Gas, dust: Dust) -> tuple[Gas, Dust]:
+    """Return gas and dust with azimuthal velocities and accelerations in column 0 of `vel`, `acc` and `acc_unshared`.
+
+    A kick of these arrays relaxes the azimuthal velocities of a shearing box; column 1 is 0. gas, dust: arguments of
+    the scheme for the velocities in the plane.
+    """
+
+    def column(values: Array) -> Array:
+        return np.stack([values, np.zeros_like(values)], axis=1)
+
+    rates = [column(p.across_acc) for p in (state.gas, state.dust)]
+    return (
+        gas._replace(vel=column(state.gas.across), acc=rates[0], acc_unshared=rates[0]),
+        dust._replace(vel=column(state.dust.across), acc=rates[1], acc_unshared=rates[1]),
+    )
+
+
+def set_azimuthal(state: State, gas_vel: Array, dust_vel: Array) -> None:
+    """Set the azimuthal velocities of the state to column 0 of the kicked velocities (n, 2) of `azimuthal`.
+
+    One-way drag does not act on the gas, whose azimuthal velocity then has no source either (`across_acc` is 0).
+    """
+    if state.scene.drag.direction == "two-way":
+        state.gas.across[:] = gas_vel[:, 0]
+    state.dust.across[:] = dust_vel[:, 0]
+
+
 class Engine:
     """Drag engine of a serial run; `ranks/drag.py` has the subclass for several MPI ranks.
 
@@ -94,8 +121,9 @@ class Engine:
         """Apply accelerations and drag over dt, and record the result.
 
         The velocities of the dust in `state`, and the gas velocities `gas_vel` (n, d), change in place. Immobile dust
-        keeps its velocity. heat (n,): output, the heat per mass of each gas particle; not written if it is empty.
-        prepared: result of `prepare` for the same positions, if known.
+        keeps its velocity. In a shearing box the azimuthal velocities `across` of gas and dust change too. heat (n,):
+        output, the heat per mass of each gas particle; not written if it is empty. prepared: result of `prepare` for
+        the same positions, if known.
         """
         dust = state.dust
         resting = dust.vel[dust.immobile] if dust.immobile is not None else None
@@ -132,7 +160,12 @@ class Engine:
         gas, dust = self._positions(state, gas_vel)
         frame, built = self._build(state, gas, dust) if prepared is None else prepared
         gas, dust = self._complete(state, gas, dust)
-        return self._call(gas, dust, frame, dt, built, heat)
+        kicked = self._call(gas, dust, frame, dt, built, heat)
+        if state.gas.across is not None:
+            gas, dust = azimuthal(state, gas, dust)
+            self._call(gas, dust, frame, dt, built, EMPTY)
+            set_azimuthal(state, gas.vel, dust.vel)
+        return kicked
 
     def _call(self, gas: Gas, dust: Dust, frame: Frame, dt: float, built: Any, heat: Array) -> KickResult:
         """Call the scheme.

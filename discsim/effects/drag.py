@@ -60,7 +60,11 @@ def _law_key_problems(draft: Draft) -> Iterator[Problem]:
     for key in dict.fromkeys(part.key for part in LAWS.values() if part.key):
         laws = [name for name in LAWS if LAWS[name].key == key]
         given = getattr(draft.drag, key) is not None
-        if law in laws and not given:
+        of_dust = any(getattr(dust, key, None) is not None for dust in draft.dust or ())
+        if of_dust and law not in laws:
+            wrong = f'used only with drag.law = {quoted(laws)}, but drag.law is "{law}"'
+            yield ("dust", key), f"{wrong}; choose another law, or remove this key"
+        elif law in laws and not given and not of_dust:
             yield ("drag", key), f'missing, but required by drag.law = "{law}"; add this key'
         elif law not in laws and given:
             wrong = f'used only with drag.law = {quoted(laws)}, but drag.law is "{law}"'
@@ -226,9 +230,14 @@ class Effect(DragEffect):
         if not _both_present(state):
             return np.full(dust.count, np.inf)
         vel, dust.vel = dust.vel, dust.vel.copy()
+        across = [(p, p.across) for p in (gas, dust) if p.across is not None]
+        for p, kept in across:
+            p.across = kept.copy()
         state.results.pop(CELLS, None)  # the caller may have changed positions
         self.engine.kick(state, 0.0, gas.vel.copy(), np.zeros(gas.count if self.drag.heating else 0))
         dust.vel = vel
+        for p, kept in across:
+            p.across = kept
         return self.stopping_times
 
 

@@ -2,7 +2,8 @@
 
 A start makes its particles as {species: {name: array}}. The species are "gas" and "dust". The arrays of a species are
 pos, vel (n, dimensions), mass (n,) and, optionally, density (n,) (of gas, a first guess for h), u (n,), species (n,)
-(index of the dust population), size (n,), small (n,) and immobile (n,). `base.py` describes all that a start provides.
+(index of the dust population), size (n,), small (n,), immobile (n,) and across (n,) (azimuthal velocity in a shearing
+box). `base.py` describes all that a start provides.
 """
 
 from __future__ import annotations
@@ -154,10 +155,10 @@ def _make_dust(scene: Scene, given: dict[str, Any], first_id: int) -> Dust:
     size = given.get("size")
     if size is None and scene.table("growth") is not None:
         size = np.full(len(species), scene.dust[0].grain_size)
-    return Dust(**_common_arrays("dust", given, first_id), species=species, size=size, immobile=given.get("immobile"))
+    return Dust(**_common_arrays(scene, "dust", given, first_id), species=species, size=size, immobile=given.get("immobile"))
 
 
-def _common_arrays(name: str, given: dict[str, Any], first_id: int) -> dict[str, np.ndarray]:
+def _common_arrays(scene: Scene, name: str, given: dict[str, Any], first_id: int) -> dict[str, np.ndarray]:
     """Return the arrays that gas and dust have in common: copies of pos, vel and mass, and acc and ids.
 
     name: name of the species, for the message of the ValueError. first_id: id of the first particle.
@@ -169,14 +170,18 @@ def _common_arrays(name: str, given: dict[str, Any], first_id: int) -> dict[str,
             "positive; choose less extreme values in the scene"
         )
     ids = np.arange(first_id, first_id + len(arrays["mass"]), dtype=np.int64)
-    return arrays | {"acc": np.zeros_like(arrays["pos"]), "ids": ids}
+    arrays |= {"acc": np.zeros_like(arrays["pos"]), "ids": ids}
+    if scene.table("shearing_box") is None:
+        return arrays
+    rest = np.zeros(len(ids))
+    return arrays | {"across": np.array(given.get("across", rest), float), "across_acc": rest.copy()}
 
 
 def _make_gas(scene: Scene, given: dict[str, Any]) -> Gas:
     """Return the gas with copies of the arrays `given`, and with all arrays that the effects of the scene need."""
     from discsim.physics.eos import eos_of, initial_energy, radius
 
-    common = _common_arrays("gas", given, 0)
+    common = _common_arrays(scene, "gas", given, 0)
     n, dim = common["pos"].shape
     u = given.get("u")
     small = None

@@ -63,7 +63,7 @@ def measure(scene: Scene) -> ErrorMeasure | None:
         start, ratio = scene.initial, scene.dust[0].ratio
         gas, dust = np.array(start.gas_velocity, dtype=float), np.array(start.dust_velocity, dtype=float)
         pulls = [np.array(getattr(scene.external, name, 0.0 * gas)) for name in ("gas", "dust")]
-        coefficient = rate(drag, ratio, start.density)
+        coefficient = rate(scene, scene.dust[0], start.density)
         if drag.direction == "one-way":
             # Gas without back-reaction is equivalent to infinitely heavy gas.
             coefficient, ratio = coefficient * 1e-12 / ratio, 1e-12

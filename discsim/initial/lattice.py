@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -34,17 +36,38 @@ def lattice_shape(size: tuple[float, ...], particles: int) -> tuple[int, ...]:
     return along, max(1, round(particles / along))
 
 
-def uniform_particles(scene: Scene, density: float) -> dict[str, dict[str, Array]]:
+def triangular_points(
+    size: tuple[float, ...], particles: int, offset: float = 0.0, spacing: Array | None = None
+) -> Array:
+    """Return the points (n, 2) of a triangular lattice in the periodic box [0, size); n is about `particles`.
+
+    The number of rows is even, and triangles are equilateral as far as whole numbers allow. A square lattice of gas is
+    unstable if velocities vary. offset, spacing: as in `lattice_points`.
+    """
+    step = math.sqrt(size[0] * size[1] / particles * 2.0 / math.sqrt(3.0))
+    rows = 2 * max(1, round(size[1] / (step * math.sqrt(3.0))))
+    columns = max(1, round(particles / rows))
+    x, y = np.meshgrid(np.arange(columns) + 0.25, np.arange(rows) + 0.5, indexing="ij")
+    x += 0.5 * (np.arange(rows) % 2)
+    steps = np.array(size) / (columns, rows)
+    points = np.stack([x, y], axis=-1).reshape(-1, 2) * steps
+    return (points + offset * (steps if spacing is None else spacing)) % np.array(size)
+
+
+def uniform_particles(
+    scene: Scene, density: float, points: Callable[..., Array] = lattice_points
+) -> dict[str, dict[str, Array]]:
     """Return the particles of uniform gas and dust at rest in a box, as {species: {name: array}}.
 
-    density: density of the gas. The density of each dust population is `dust.ratio` times as large.
+    density: density of the gas. The density of each dust population is `dust.ratio` times as large. points: function
+    that returns the points of a lattice, as `lattice_points`.
     """
     size = scene.space.size
     mass = density * float(np.prod(size))
     out: dict[str, dict[str, Array]] = {}
     spacing = None
     if scene.gas is not None:
-        pos = lattice_points(size, scene.gas.particles)
+        pos = points(size, scene.gas.particles)
         spacing = np.array(size) / lattice_shape(size, scene.gas.particles)
         out["gas"] = particles_at_rest(pos, mass / len(pos))
     if scene.dust is not None:
@@ -54,7 +77,7 @@ def uniform_particles(scene: Scene, density: float) -> dict[str, dict[str, Array
             if population.placement == "random":
                 pos = stream.random((population.particles, len(size))) * np.array(size)
             else:
-                pos = lattice_points(size, population.particles, population.offset, spacing)
+                pos = points(size, population.particles, population.offset, spacing)
             return particles_at_rest(pos, mass * population.ratio / len(pos))
 
         out["dust"] = make_populations(scene, make_dust)

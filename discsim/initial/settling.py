@@ -235,7 +235,7 @@ def measure(scene: Scene) -> ErrorMeasure | None:
     def errors(sim: Simulated) -> dict[str, float]:
         given: Any = scene
         start = particles(scene)["dust"]["pos"][:, 0]
-        time, frequency = known(given.drag), given.external.vertical_frequency
+        time, frequency = known(given, given.dust[0]), given.external.vertical_frequency
         height, _ = settling.trajectories(sim.time, start, lambda z: np.full_like(z, time), frequency)
         by_id = np.argsort(sim.dust.ids)
         path = np.abs(height - start)
@@ -258,7 +258,7 @@ def exact_curves(scene: Scene, time: float, x: Array) -> dict[str, Curve]:
     known = LAWS[given.drag.law].uniform_time if given.drag else None
     if known is None or len(given.dust) > 1:
         return exact
-    times = np.full_like(x, known(given.drag))
+    times = np.full_like(x, known(given, given.dust[0]))
     z, u = settling.trajectories(time, x, lambda at: times[: len(at)], given.external.vertical_frequency)
     # Grains conserve mass: the density is inversely proportional to their spacing.
     rho = given.dust[0].ratio * settling.gas_density(x, midplane, height) / np.abs(np.gradient(z, x))

@@ -26,10 +26,10 @@ Array = np.ndarray
 growth = Lazy("discsim.physics.growth")
 REQUIRED_ARRAYS = ("pos", "vel", "mass")
 KNOWN_ARRAYS = {
-    "gas": (*REQUIRED_ARRAYS, "u", "density", "small", "immobile"),
-    "dust": (*REQUIRED_ARRAYS, "species", "size", "immobile"),
+    "gas": (*REQUIRED_ARRAYS, "u", "density", "small", "immobile", "across"),
+    "dust": (*REQUIRED_ARRAYS, "species", "size", "immobile", "across"),
 }
-DIMENSIONS = {"pos": "length", "size": "length", "vel": "velocity", "u": "specific_energy", "density": "density"}
+DIMENSIONS = {"pos": "length", "size": "length", "vel": "velocity", "across": "velocity", "u": "specific_energy", "density": "density"}
 NOT_NEGATIVE = ("small",)
 POSITIVE = ("mass", "u", "density", "size")
 LARGEST = 1e150  # bound of all values: squares do not overflow
@@ -109,6 +109,11 @@ def _read_species(scene: Scene, name: str, given: Any) -> tuple[dict[str, Array]
         faults.append('size is given, but dust.grain_size is not a size distribution; remove the array "size"')
     if "small" in given and name == "gas" and scene.table("growth") is None:
         faults.append('small is given, but there is no table [growth]; add [growth], or remove the array "small"')
+    in_box = scene.table("shearing_box") is not None
+    if "across" in given and not in_box:
+        faults.append('across is given, but there is no table [shearing_box]; add it, or remove the array "across"')
+    if "immobile" in given and in_box:
+        faults.append("immobile is given, but particles of a [shearing_box] all move; remove the array")
     arrays: dict[str, Array] = {}
     count = None
     for key in (key for key in known if key in given):

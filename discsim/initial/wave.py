@@ -84,8 +84,7 @@ def _exact_drag(scene: Scene) -> tuple[float, float] | None:
     rate = LAWS[drag.law].uniform_rate if drag and drag.direction == "two-way" else None
     if rate is None or len(scene.dust) > 1:
         return None
-    ratio = scene.dust[0].ratio
-    return rate(drag, ratio, 1.0), ratio
+    return rate(scene, scene.dust[0], 1.0), scene.dust[0].ratio
 
 
 def measure(scene: Scene) -> ErrorMeasure | None:

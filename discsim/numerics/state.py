@@ -48,6 +48,9 @@ class Particles(Summarised):
         True for boundary particles, which do not move; None if there are none.
     global_index : ndarray or None, shape (n,)
         Key of each particle; the keys give the order of the particles of all processes. None on one process.
+    across, across_acc : ndarray or None, shape (n,)
+        Velocity out of the plane, along the azimuth of a shearing box, relative to the shear flow; and the acceleration
+        along this direction that a kick applies (`effects/shearing_box.py`). None without [shearing_box].
     """
 
     pos: Array
@@ -57,6 +60,8 @@ class Particles(Summarised):
     ids: Array
     immobile: Array | None = None
     global_index: Array | None = None
+    across: Array | None = None
+    across_acc: Array | None = None
 
     spare = 0  # spare capacity of newly allocated arrays (`numerics/alloc.py`)
     # Rows whose particles have changed since the last sort, without which `global_index` ascends; may have repeats.

@@ -2,7 +2,7 @@
 
 The file has a row for every step, or in large runs for every 16 steps, and one for every snapshot. Totals are sums over
 mobile particles: momentum sum m v, angular momentum sum m (x v_y - y v_x) about the origin, kinetic energy
-sum m v^2 / 2. Velocities and positions are at the same time.
+sum m v^2 / 2, where v includes the azimuthal velocity in a shearing box. Velocities and positions are at the same time.
 """
 
 from __future__ import annotations
@@ -252,6 +252,8 @@ def _totals_of_species(particles: Particles | None) -> _Totals:
     spin = mass * (pos[:, 0] * vel[:, 1] - pos[:, 1] * vel[:, 0]) if plane else np.zeros_like(mass)
     across = mass * vel[:, 1] if plane else spin
     kinetic = mass * (vel * vel).sum(axis=1)
+    if particles.across is not None:
+        kinetic += mass * particles.across[free] ** 2
     found = totals(np.stack([mass, mass * vel[:, 0], across, spin, kinetic], axis=1)).tolist()
     return _Totals(found[0], np.array(found[1:3]), found[3], 0.5 * found[4])
 

@@ -34,6 +34,7 @@ class Field(NamedTuple):
 COMMON = {
     "pos": Field("Coordinates", "length", "positions, shifted into the box"),
     "vel": Field("Velocities", "velocity", "velocities"),
+    "across": Field("AzimuthalVelocities", "velocity", "azimuthal velocity in a shearing box, without the shear flow"),
     "mass": Field("Masses", "mass", "masses"),
     "ids": Field("ParticleIDs", "", "identities, constant during a run"),
     "immobile": Field("Immobile", "", "1 for boundary particles that never move"),

@@ -47,7 +47,7 @@ display = Lazy("discsim.output.fields.display")
 frame = Lazy("discsim.output.fields.frame")
 sky = Lazy("discsim.sky.image")
 tools = Lazy("discsim.output.tools")
-FINITE = ("pos", "vel", "mass", "density", "h", "u", "pressure", "sound_speed", "temperature", "small", "size")
+FINITE = ("pos", "vel", "across", "mass", "density", "h", "u", "pressure", "sound_speed", "temperature", "small", "size")
 
 
 class SnapshotError(UserError):
@@ -69,6 +69,8 @@ class SnapshotParticles(Summarised):
         Physical dimension of each array by the array's name, for example {"density": "density"}.
     pos, vel : ndarray, shape (n, dimensions)
         Positions and velocities.
+    across : ndarray, shape (n,)
+        Azimuthal velocity in a shearing box, relative to the shear flow.
     mass, ids : ndarray, shape (n,)
         Masses, and identity numbers that stay the same through a run.
     immobile : ndarray, shape (n,)
@@ -94,6 +96,7 @@ class SnapshotParticles(Summarised):
     mass: Array
     ids: Array
     immobile: Array | None = None
+    across: Array | None = None
     density: Array | None = None
     h: Array | None = None
     u: Array | None = None

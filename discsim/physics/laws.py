@@ -45,11 +45,10 @@ class StoppingTimeLaw:
         Returns the formula of t_stop as text, for previews.
     rules : tuple of Rule
         Additional rules for a scene with this law.
-    uniform_rate : callable (drag, eps, rho_g), optional
-        Returns eps / t_stop in uniform gas and dust, from the table [drag]. None if the table does not determine
-        this rate.
-    uniform_time : callable (drag), optional
-        Returns t_stop from the table [drag]. None if t_stop depends on the gas.
+    uniform_rate : callable (scene, population, rho_g), optional
+        Returns eps / t_stop in uniform gas and dust. None if keys of the scene do not determine this rate.
+    uniform_time : callable (scene, population), optional
+        Returns t_stop. None if t_stop depends on the gas.
     """
 
     form: int
@@ -59,8 +58,8 @@ class StoppingTimeLaw:
     orbits: tuple[int, ...] = ()
     formula: Callable[[Scene], str] | None = None
     rules: tuple[Rule, ...] = ()
-    uniform_rate: Callable[[Any, float, float], float] | None = None
-    uniform_time: Callable[[Any], float] | None = None
+    uniform_rate: Callable[[Scene, Any, float], float] | None = None
+    uniform_time: Callable[[Scene, Any], float] | None = None
 
     @property
     def needs_mean_free_path(self) -> bool:
@@ -143,6 +142,11 @@ def _value_of_key(key: str) -> Callable[[Scene, Any], float]:
     return lambda scene, population: getattr(scene.drag, key)
 
 
+def _given_time(scene: Scene, population: Any) -> float:
+    """Return the stopping time in the scene: `dust.t_stop` of the population, or `drag.t_stop`."""
+    return scene.drag.t_stop if population.t_stop is None else population.t_stop
+
+
 def _stokes_at_reference(scene: Scene, population: Any) -> float:
     """Return the parameter t_stop c_s rho_g of grains with the Stokes number drag.stokes at the reference density."""
     return scene.drag.stokes * profile.reference_density(scene) / math.sqrt(2 * math.pi)
@@ -175,6 +179,14 @@ def _height_problems(draft: Draft) -> Iterator[Problem]:
     if draft.dimensions == 2 and not draft.has("star"):
         wrong = "rho_g = Sigma / (sqrt(2 pi) H) with H = c_s / Omega needs a star"
         yield ("drag", "law"), f"{wrong}; add a table [star]"
+
+
+def _time_problems(draft: Draft) -> Iterator[Problem]:
+    """Yield a problem of a population without a stopping time."""
+    if draft.drag.t_stop is None:
+        for i, dust in enumerate(draft.dust or ()):
+            if dust.t_stop is None:
+                yield ("dust", i, "t_stop"), f'missing, but required by drag.law = "{draft.drag.law}"; add this key'
 
 
 def _column_problems(draft: Draft) -> Iterator[Problem]:
@@ -217,14 +229,15 @@ CONSTANT = StoppingTimeLaw(
     _value_of_key("K"),
     "K",
     formula=lambda scene: "rho_d / K",
-    uniform_rate=lambda drag, ratio, density: drag.K / density,
+    uniform_rate=lambda scene, population, density: scene.drag.K / density,
 )
 STOPPING_TIME = StoppingTimeLaw(
     formulas.STOPPING_TIME,
-    _value_of_key("t_stop"),
+    _given_time,
     "t_stop",
-    uniform_rate=lambda drag, ratio, density: ratio / drag.t_stop,
-    uniform_time=lambda drag: drag.t_stop,
+    rules=(_time_problems,),
+    uniform_rate=lambda scene, population, density: population.ratio / _given_time(scene, population),
+    uniform_time=_given_time,
 )
 STOKES_NUMBER = StoppingTimeLaw(
     formulas.STOKES_NUMBER,

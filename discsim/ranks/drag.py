@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from mpi4py import MPI
 
-from discsim.drag.base import CellRule, Dust, Gas, KickResult
+from discsim.drag.base import EMPTY, CellRule, Dust, Gas, KickResult
 from discsim.drag.cells import Layout, Merged
-from discsim.drag.engine import Engine, Prepared, Seen
+from discsim.drag.engine import Engine, Prepared, Seen, azimuthal, set_azimuthal
 from discsim.kernels.drag.blocks import LEVELS, MOST
 from discsim.kernels.drag.frame import Frame
 from discsim.kernels.drag.tsc import levels
@@ -60,23 +60,51 @@ class DividedDrag(Engine):
         gas, dust = self._positions(state, gas_vel)
         if self.scheme.layout is None:
             both = self._gather_all(state)
-            gas, dust = self._with_ghosts(self._complete(state, gas, dust), both, gas._fields + dust._fields)
+            local = self._complete(state, gas, dust)
+            reads = gas._fields + dust._fields
+            frame = self._frame(state)
+            azimuth = self._azimuth_with_ghosts(state, local, both, reads)
+            gas, dust = self._with_ghosts(local, both, reads)
             with world.without_communication():
-                return self._kick(state, gas, dust, both, self._frame(state), dt, None, gas_vel, heat)
+                kicked = self._kick(state, gas, dust, both, frame, dt, None, gas_vel, heat)
+                self._kick_azimuth(state, azimuth, both, frame, dt, None)
+            return kicked
         self.release()  # forces and ghosts need the memory
         frame, rule = self._frame(state), self._rule(state)
         layout, both = self._fetch_ghosts(state, gas, dust, rule, frame)
         reads = *self.scheme.reads, "per_grain", *(("acc",) if self.heating else ())
         if self.classes.law.several:
             reads += ("class_of",)
-        gas, dust = self._with_ghosts(self._complete(state, gas, dust), both, reads)
+        local = self._complete(state, gas, dust)
+        azimuth = self._azimuth_with_ghosts(state, local, both, reads)
+        gas, dust = self._with_ghosts(local, both, reads)
         layout = layout._replace(
             gas_leaf=_with_leaves_of_ghosts(layout.gas_leaf, gas.pos, layout.leaf_of),
             dust_leaf=_with_leaves_of_ghosts(layout.dust_leaf, dust.pos, layout.leaf_of),
         )
         assert self.scheme.build is not None
         built = self.scheme.build(gas, dust, rule, layout)
-        return self._kick(state, gas, dust, both, frame, dt, built, gas_vel, heat)
+        kicked = self._kick(state, gas, dust, both, frame, dt, built, gas_vel, heat)
+        self._kick_azimuth(state, azimuth, both, frame, dt, built)
+        return kicked
+
+    def _azimuth_with_ghosts(
+        self, state: State, local: tuple[Gas, Dust], both: list[Any], reads: tuple[str, ...]
+    ) -> tuple[Any, ...] | None:
+        """Return the arguments of the kick of azimuthal velocities, with ghosts; None without a shearing box.
+
+        local: arguments of the kick in the plane, without ghosts. both, reads: as in `_with_ghosts`.
+        """
+        return None if state.gas.across is None else self._with_ghosts(azimuthal(state, *local), both, reads)
+
+    def _kick_azimuth(
+        self, state: State, azimuth: tuple[Any, ...] | None, both: list[Any], frame: Frame, dt: float, built: Any
+    ) -> None:
+        """Kick the azimuthal velocities of local particles; azimuth: result of `_azimuth_with_ghosts`."""
+        if azimuth is not None:
+            gas, dust = azimuth
+            self._call(gas, dust, frame, dt, built, EMPTY)
+            set_azimuthal(state, gas.vel[both[0].local_rows], dust.vel[both[1].local_rows])
 
     def _kick(
         self, state: State, gas: Gas, dust: Dust, both: list[Any], frame: Frame, dt: float, built: Any, gas_vel: Array,

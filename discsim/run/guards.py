@@ -22,7 +22,7 @@ from discsim.run.forces import Effects, Limits, PhysicsError, acceleration_of, l
 
 finite = Lazy("discsim.kernels.common.finite")
 
-STEP_INPUTS = ("pos", "vel", "mass", "u", "h")  # arrays that a step reads
+STEP_INPUTS = ("pos", "vel", "across", "mass", "u", "h")  # arrays that a step reads
 
 # Detection of unstable gas: smallest size of the sample if there is more gas, and number of steps between checks.
 MIN_SAMPLE, CHECK_EVERY = 512, 16
@@ -142,7 +142,10 @@ def check_inputs(state: State, effects: Effects) -> None:
 
 def check_after_kick(state: State, effects: Effects) -> None:
     """Raise PhysicsError if a velocity or an energy is not finite after a kick."""
-    arrays = [(name, p.vel, "in its vel after a kick") for name, p in state.species.items()]
+    arrays = [
+        (name, values, f"in its {key} after a kick")
+        for name, p in state.species.items() for key in ("vel", "across") if (values := getattr(p, key)) is not None
+    ]  # fmt: skip
     if state.gas is not None and state.gas.u is not None:
         arrays.append(("gas", state.gas.u, "in its u after a kick"))
     _check_arrays(state, effects, arrays)

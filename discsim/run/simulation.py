@@ -53,7 +53,7 @@ from discsim.scene.units import Units
 
 __all__ = ["PhysicsError", "Simulation"]
 
-KICKED_ARRAYS = ("vel", "u", "kick_acc", "kick_rate", "radiated")  # arrays that a kick changes
+KICKED_ARRAYS = ("vel", "across", "u", "kick_acc", "kick_rate", "radiated")  # arrays that a kick changes
 
 
 class Simulation(Summarised):

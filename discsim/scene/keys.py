@@ -24,6 +24,7 @@ from discsim.scene.fields import (
     SurfaceDensity,
     Table,
     Time,
+    Velocity,
     fault,
     kinds_of,
     number,
@@ -220,6 +221,9 @@ class Dust(Table):
     grain_density: Annotated[float | None, Measure("volume_density")] = Field(
         None, gt=0, description="material density of the grains"
     )
+    t_stop: Annotated[Time | None, Default("drag.t_stop")] = Field(
+        None, gt=0, description='stopping time of the population, for drag.law "stopping-time"'
+    )
     offset: Number = Field(0.0, description="offset of dust from gas particles, in gas spacings")
     inner: Length | None = Field(None, gt=0, description="inner edge of the dust at the start")
     outer: Length | None = Field(None, gt=0, description="outer edge of the dust at the start")
@@ -412,6 +416,16 @@ class External(Table):
     dust: AccelerationVector = Field(0, validate_default=True, description="uniform acceleration of the dust")
     vertical_frequency: Annotated[float, Measure("frequency")] = Field(
         0.0, ge=0, description="Omega in the vertical acceleration -Omega^2 z of gas and dust"
+    )
+
+
+class ShearingBox(Table):
+    """A small plane of radius x and height y in a disc, without vertical gravity; everything is uniform in azimuth."""
+
+    omega: Annotated[float, Measure("frequency")] = Field(gt=0, description="orbital frequency at the middle of the box")
+    shear: Number = Field(1.5, ge=0, lt=2, description="q in Omega ~ r^-q; 1.5 about a point mass")
+    headwind: Velocity = Field(
+        0.0, description="eta v_K, the Keplerian velocity minus the azimuthal velocity of gas without dust"
     )
 
 

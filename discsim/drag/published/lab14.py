@@ -97,4 +97,4 @@ def limit_impulses(pairs: Pairs, gas: Gas, pull: Array, impulses: Array) -> None
 
 
 # Damping is too strong where h > c_s t_stop: Laibe & Price (2012), sec. 4.
-SCHEME = Scheme(kick, damps=True, unused=NO_CELLS)
+SCHEME = Scheme(kick, by_component=False, damps=True, unused=NO_CELLS)

@@ -53,4 +53,4 @@ def limit(gas: Gas, dust: Dust, law: DragLaw, frame: Frame, context: KickContext
 
 
 # Damping is too strong where h > c_s t_stop: Laibe & Price (2012), sec. 4.
-SCHEME = Scheme(kick, limit=limit, damps=True, unused=NO_CELLS | OWN_INTEGRATION)
+SCHEME = Scheme(kick, limit=limit, by_component=False, damps=True, unused=NO_CELLS | OWN_INTEGRATION)

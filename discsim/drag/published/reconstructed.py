@@ -47,4 +47,4 @@ def slopes_of(sph: Sph, points: Any, vel: Array) -> Array:
     return slope
 
 
-SCHEME = Scheme(kick, unused=NO_CELLS)
+SCHEME = Scheme(kick, by_component=False, unused=NO_CELLS)
