@@ -29,7 +29,7 @@ import numpy as np
 from discsim.drag.base import NO_ROWS
 from discsim.effects import base
 from discsim.exact import streaming
-from discsim.numerics.state import State
+from discsim.numerics.state import Particles, State
 from discsim.numerics.threads import parallel_for
 from discsim.numerics.totals import total, totals
 from discsim.parts import LAWS, SCHEMES, Lazy
@@ -144,7 +144,7 @@ class Effect(base.Effect):
             )
 
 
-def _populations(particles: base.Particles) -> np.ndarray:
+def _populations(particles: Particles) -> np.ndarray:
     """Return the population (n,) of each dust particle; an empty array for gas."""
     return getattr(particles, "species", NO_ROWS)
 

@@ -1,8 +1,9 @@
 """Streaming instability of gas and dust in a shearing box: steady drift, and growth of small perturbations.
 
-The box is a plane of radius x and height z, without vertical gravity. Nothing depends on the azimuth y. Velocities u of
-gas and w_j of the dust populations are relative to the shear flow -q Omega x. With the headwind b = eta v_K, dust-to-gas
-ratios eps_j and stopping times t_j (Youdin & Johansen 2007, ApJ 662, 613, sec. 2; Krapp et al. 2019, ApJL 878, L30)
+The box is a plane of radius x and height z, without vertical gravity. Nothing depends on the azimuth y. The velocities
+u of gas and w_j of the dust populations are relative to the shear flow -q Omega x. With the headwind b = eta v_K,
+dust-to-gas ratios eps_j and stopping times t_j (Youdin & Johansen 2007, ApJ 662, 613, sec. 2; Krapp et al. 2019,
+ApJL 878, L30)
 
     Du/Dt   = 2 Omega (u_y + b) e_x - (2 - q) Omega u_x e_y - grad P / rho_g + sum_j eps_j (w_j - u) / t_j    (1)
     Dw_j/Dt = 2 Omega w_y e_x - (2 - q) Omega w_x e_y + (u - w_j) / t_j                                       (2)
@@ -116,7 +117,7 @@ def matrix(given: Box, kx: float, kz: float) -> Array:
     shear[0, [1, 3]] = -1j * kx, -1j * kz
     shear[1, 2], shear[2, 1] = 2.0 * given.omega, -(2.0 - given.shear) * given.omega
     out = np.kron(np.eye(count + 1), shear)
-    out -= 1j * kx * np.diag(np.repeat(steady[:, 0], 4))
+    out = out - 1j * kx * np.diag(np.repeat(steady[:, 0], 4))
     out[[1, 3], 0] = -1j * given.sound_speed**2 * np.array([kx, kz])
     for number in range(count):
         density = 4 + 4 * number

@@ -155,7 +155,9 @@ def _make_dust(scene: Scene, given: dict[str, Any], first_id: int) -> Dust:
     size = given.get("size")
     if size is None and scene.table("growth") is not None:
         size = np.full(len(species), scene.dust[0].grain_size)
-    return Dust(**_common_arrays(scene, "dust", given, first_id), species=species, size=size, immobile=given.get("immobile"))
+    return Dust(
+        **_common_arrays(scene, "dust", given, first_id), species=species, size=size, immobile=given.get("immobile")
+    )
 
 
 def _common_arrays(scene: Scene, name: str, given: dict[str, Any], first_id: int) -> dict[str, np.ndarray]:

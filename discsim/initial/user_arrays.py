@@ -29,7 +29,10 @@ KNOWN_ARRAYS = {
     "gas": (*REQUIRED_ARRAYS, "u", "density", "small", "immobile", "across"),
     "dust": (*REQUIRED_ARRAYS, "species", "size", "immobile", "across"),
 }
-DIMENSIONS = {"pos": "length", "size": "length", "vel": "velocity", "across": "velocity", "u": "specific_energy", "density": "density"}
+DIMENSIONS = {
+    "pos": "length", "size": "length", "vel": "velocity", "across": "velocity", "u": "specific_energy",
+    "density": "density",
+}  # fmt: skip
 NOT_NEGATIVE = ("small",)
 POSITIVE = ("mass", "u", "density", "size")
 LARGEST = 1e150  # bound of all values: squares do not overflow

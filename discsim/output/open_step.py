@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 GROUP = "OpenStep"
-KICKED = ("vel", "across", "u", "kick_acc", "kick_rate")  # arrays that a kick changes or uses
+KICKED = ("vel", "u", "kick_acc", "kick_rate")  # arrays that a kick changes or uses
 BODY_ARRAYS = ("pos", "gained", "begun")  # arrays of star and companions that are always stored
 
 

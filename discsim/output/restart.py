@@ -163,7 +163,7 @@ def _arrays_in_code_units(scene: Scene, name: str, held: SnapshotParticles) -> d
     `name` is their species, "gas" or "dust". If scene and snapshot have the same units, the values are copied bit for
     bit.
     """
-    keys = ["pos", "vel", "mass", "immobile", "across"]
+    keys = ["pos", "vel", "mass", "immobile"]
     if name == "dust":
         keys += ["size"] if has_individual_sizes(scene) else []
     else:
@@ -236,10 +236,7 @@ def _restore_arrays(state: State) -> None:
     held = {**state.species, **({} if state.bodies is None else {"bodies": state.bodies})}
     for name, particles in held.items():
         shown: Any = getattr(snap, name)
-        named = {"pos": shown.pos, "vel": shown.vel, "ids": shown.ids}
-        if name != "bodies" and shown.across is not None:
-            named["across"] = shown.across
-        for key, array in {**named, **step.arrays[name]}.items():
+        for key, array in {"pos": shown.pos, "vel": shown.vel, "ids": shown.ids, **step.arrays[name]}.items():
             if hasattr(particles, key):
                 getattr(particles, key)[:] = array
     if state.gas is not None and state.gas.h_before is not None:

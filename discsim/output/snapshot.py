@@ -47,7 +47,9 @@ display = Lazy("discsim.output.fields.display")
 frame = Lazy("discsim.output.fields.frame")
 sky = Lazy("discsim.sky.image")
 tools = Lazy("discsim.output.tools")
-FINITE = ("pos", "vel", "across", "mass", "density", "h", "u", "pressure", "sound_speed", "temperature", "small", "size")
+FINITE = (
+    "pos", "vel", "across", "mass", "density", "h", "u", "pressure", "sound_speed", "temperature", "small", "size",
+)  # fmt: skip
 
 
 class SnapshotError(UserError):

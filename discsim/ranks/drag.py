@@ -61,7 +61,7 @@ class DividedDrag(Engine):
         if self.scheme.layout is None:
             both = self._gather_all(state)
             local = self._complete(state, gas, dust)
-            reads = gas._fields + dust._fields
+            reads: tuple[str, ...] = gas._fields + dust._fields
             frame = self._frame(state)
             azimuth = self._azimuth_with_ghosts(state, local, both, reads)
             gas, dust = self._with_ghosts(local, both, reads)

@@ -422,7 +422,7 @@ class External(Table):
 class ShearingBox(Table):
     """A small plane of radius x and height y in a disc, without vertical gravity; everything is uniform in azimuth."""
 
-    omega: Annotated[float, Measure("frequency")] = Field(gt=0, description="orbital frequency at the middle of the box")
+    omega: Annotated[float, Measure("frequency")] = Field(gt=0, description="orbital frequency at the centre")
     shear: Number = Field(1.5, ge=0, lt=2, description="q in Omega ~ r^-q; 1.5 about a point mass")
     headwind: Velocity = Field(
         0.0, description="eta v_K, the Keplerian velocity minus the azimuthal velocity of gas without dust"

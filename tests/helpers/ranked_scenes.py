@@ -177,6 +177,21 @@ SCENES = {
     ),
     "fine off the grid": disc(3, **FINE | {"space": {"size": 4.2, "cells": 512}}),
     "fine diffusion": disc(2, **FINE, **VISCOUS, dust_diffusion={}),
+    "shearing box": plane(
+        "streaming",
+        initial={"amplitude": 0.02, "wavelengths": [1, 2]},
+        gas={"kind": "isothermal", "sound_speed": 3.0},
+        particles=1800,
+        steps=17,
+        shearing_box={"omega": 1.3, "shear": 1.4, "headwind": 0.7},
+    ),
+    "shearing box isph": plane(
+        "streaming",
+        initial={"amplitude": 0.0},
+        gas={"kind": "isothermal", "sound_speed": 3.0},
+        shearing_box={"omega": 1.3, "shear": 1.4, "headwind": 0.7},
+        drag={"law": "stopping-time", "t_stop": 0.05, "scheme": "isph"},
+    ),
     "fine box": plane(
         "box",
         initial={"gas_velocity": 0.2, "dust_velocity": 1.0},
@@ -266,6 +281,7 @@ SCENES = {
 # Of those above, and below, one for each thing that ranks ask or fetch of each other.
 FEW_SCENES = (
     "long", "fine", "fine box", "idic", "linear", "one-way", "off the grid", "eaten", "all gone", "bodies",
+    "shearing box", "shearing box isph",
     "heat paid around", "constant sparse", "sizes", "growth of all", "growth of many", "growth in a patch",
     "diffusion in clumps", "diffusion eaten", "diffusion in a box", "everything", "clumps", "one tile", "mk heat",
     "esph two-way 1D", "emsi-ppm shock", "setup dead_zone_oneway",
