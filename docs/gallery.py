@@ -55,6 +55,8 @@ SMALLER = {
     "sheet": ["gas.particles=1024", "space.cells=32"],
     "stable_disc": ["gas.particles=10000", "dust.particles=10000", "space.cells=192", 'run.until="300 yr"'],
     "star_dust": ["dust.particles=20000"],
+    "streaming_clumps": ["gas.particles=4000", "dust.particles=4000", "run.until=100"],
+    "streaming_linear": ["gas.particles=1020", "dust.particles=1020"],
 }
 
 

@@ -87,6 +87,7 @@ STARTS = {
     "blast": ({"radius": 0.2}, "open", {"kind": "adiabatic", "gamma": 1.4}, (2,)),
     "vortex": ({"velocity": [0.5, 0.0]}, "periodic", {"kind": "adiabatic", "gamma": 1.4}, (2,)),
     "settling": ({}, "open", ISOTHERMAL, (1,)),
+    "streaming": ({"amplitude": 0.01}, "periodic", ISOTHERMAL, (2,)),
 }
 
 
@@ -98,7 +99,8 @@ def test_start(kind, dimensions):
     star = {"star": {"mass": 1.0}}
     viscous = star | {"alpha_viscosity": {"alpha": 0.01}}
     more = {"disc": star, "viscous-ring": viscous, "steady": viscous}
-    more = (more | {"settling": {"external": {"vertical_frequency": 4.0}}}).get(kind, {})
+    more |= {"settling": {"external": {"vertical_frequency": 4.0}}}
+    more = (more | {"streaming": {"shearing_box": {"omega": 2.0, "headwind": 0.3}}}).get(kind, {})
     gas = {"eos": eos} | ({"kernel": "cubic"} if "alpha_viscosity" in more else {})
     source = scene({"kind": kind, **keys}, gas, dimensions, boundary, dust=dust, drag=drag, **more)
     sim = Simulation(source)

@@ -83,7 +83,7 @@ def mode_amplitude(scene: Scene, sim: Simulated) -> complex:
     found = np.zeros_like(mode.amplitudes)
     for name, p in sim.state.species.items():
         for row in range(1, len(drift)) if name == "dust" else (0,):
-            own = np.full(p.count, True) if row == 0 else getattr(p, "species") == row - 1
+            own = np.full(p.count, True) if row == 0 else p.arrays()["species"] == row - 1
             found[row] = _amplitudes(p, own, drift[row], k)
     return complex((mode.left * found).sum())
 

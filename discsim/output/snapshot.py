@@ -72,11 +72,11 @@ class SnapshotParticles(Summarised):
     pos, vel : ndarray, shape (n, dimensions)
         Positions and velocities.
     across : ndarray, shape (n,)
-        Azimuthal velocity in a shearing box, relative to the shear flow.
+        Azimuthal velocity in a shearing box.
     mass, ids : ndarray, shape (n,)
         Masses, and identity numbers that stay the same through a run.
     immobile : ndarray, shape (n,)
-        True for boundary particles, which never move.
+        True for boundary particles.
     density : ndarray, shape (n,)
         Density, in 2D a surface density; for gas the SPH density.
     h, u, pressure, sound_speed : ndarray, shape (n,)
@@ -597,5 +597,4 @@ def _particles_of(
     if not own.attribute("energy_equation"):
         arrays.pop("u", None)
     known = {name: dimension for name, dimension in known.items() if name in arrays or name in others}
-    needed = dict.fromkeys(("vel", "ids")) | arrays
-    return SnapshotParticles(units, known, columns=others, **needed)
+    return SnapshotParticles(units, known, columns=others, **(dict.fromkeys(("vel", "ids")) | arrays))
