@@ -116,8 +116,7 @@ def matrix(given: Box, kx: float, kz: float) -> Array:
     shear = np.zeros((4, 4), complex)
     shear[0, [1, 3]] = -1j * kx, -1j * kz
     shear[1, 2], shear[2, 1] = 2.0 * given.omega, -(2.0 - given.shear) * given.omega
-    out = np.kron(np.eye(count + 1), shear)
-    out = out - 1j * kx * np.diag(np.repeat(steady[:, 0], 4))
+    out = np.kron(np.eye(count + 1), shear) - 1j * kx * np.diag(np.repeat(steady[:, 0], 4))
     out[[1, 3], 0] = -1j * given.sound_speed**2 * np.array([kx, kz])
     for number in range(count):
         density = 4 + 4 * number
