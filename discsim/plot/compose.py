@@ -325,8 +325,10 @@ def _name_for_species(word: str, name: str) -> str:
     return with_populations([found], [population] if population is not None else [])[0]
 
 
-def titles_of(snaps: Sequence[Snapshot], found: Sequence[NamedSnapshot]) -> tuple[str, list[str]]:
+def titles_of(snaps: Sequence[Snapshot], found: Sequence[NamedSnapshot], short: bool = False) -> tuple[str, list[str]]:
     """Return the title of the figure and the titles of its columns.
+
+    With `short` times in titles of columns have no orbits, as legends of profiles have little space.
 
     The figure's title has the title of the scene if all snapshots are of one run, and the time if it is the same in
     all. Otherwise the names of runs and the times are in the titles of the columns.
@@ -341,7 +343,7 @@ def titles_of(snaps: Sequence[Snapshot], found: Sequence[NamedSnapshot]) -> tupl
     several = len(set(runs)) > 1
     columns = [
         ", ".join(text for text in (run if several else "", "" if same_time else f"t = {time}") if text)
-        for run, time in zip(runs, times, strict=True)
+        for run, time in zip(runs, plain if short else times, strict=True)
     ]
     return head, columns
 

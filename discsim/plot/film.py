@@ -139,7 +139,9 @@ def writer_of(path: Path) -> Callable[[Path, Iterator[Image.Image], float], None
 
 def _write_gif(path: Path, frames: Iterator[Image.Image], rate: float) -> None:
     first = next(frames)
-    palette = first.quantize(256)  # one palette for all frames keeps colours constant
+    # One palette for all frames keeps colours constant. It covers the whole colour bar, even if the first frame has few
+    # bright pixels.
+    palette = first.quantize(256, Image.Quantize.MAXCOVERAGE)
     every = (frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in chain([first], frames))
     next(every).save(path, format="gif", save_all=True, append_images=every, duration=round(1000 / rate), loop=0)
 

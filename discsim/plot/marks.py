@@ -28,6 +28,7 @@ from discsim.output.fields.display import DisplayOptions
 from discsim.output.fields.frame import in_code
 from discsim.output.fields.names import available_fields, field_named
 from discsim.output.gaps import BodyOrbit, companion_orbits, planet_gap
+from discsim.output.ink import shade, text_scale
 from discsim.output.snapshot import Snapshot, SnapshotError, snapshot_files
 from discsim.output.sources import Source, read_for_fields, run_directory
 from discsim.plot import curves
@@ -49,11 +50,11 @@ TOGETHER, TOGETHER_ABOVE = 0.02, 0.12  # distance of lines over the width of the
 MAX_NAMES = 3  # largest number of companions that one label names
 
 WHITE: dict[str, Any] = {"color": "white", "path_effects": [withStroke(linewidth=2.2, foreground="black")]}
-SHADED: dict[str, Any] = {"facecolor": "0.9", "edgecolor": "0.7", "lw": 0.6, "zorder": 0}
 HATCHED: dict[str, Any] = {"facecolor": "none", "edgecolor": (1.0, 1.0, 1.0, 0.4), "hatch": "//", "lw": 0.0}
 OUTLINED: dict[str, Any] = {"color": "white", "path_effects": [withStroke(linewidth=1.5, foreground="black")]}
 LABEL: dict[str, Any] = {"rotation": 90, "ha": "right", "fontsize": 8, "clip_on": True}
-GREY = "0.35"  # of lines in profiles
+# Shares of ink in the greys of profiles: lines, the initial profile, and ground and edge of damping zones.
+LINE_INK, INITIAL_INK, GROUND_INK, EDGE_INK = 0.65, 0.35, 0.1, 0.3
 Style = tuple[int, tuple[float, ...]]  # offset and lengths of dashes and of spaces, in line widths
 Rings = Iterable[tuple[float, Style]]  # radii and line styles of circles about the centre
 Circles = Iterable[tuple[Array, float]]  # middles and radii of Hill circles
@@ -274,13 +275,13 @@ def draw_on_profile(
     if "initial" in marks and start is not None:
         _draw_initial(axes, start, names, replace(display, ends=display.radii(snap)))
     if "damping" in marks and "damping" not in drawn:
-        label = DAMPED_LABEL
+        label, ground = DAMPED_LABEL, {"facecolor": shade(GROUND_INK), "edgecolor": shade(EDGE_INK), "lw": 0.6}
         for first, last in _shown_spans(damped_radii(snap), length, (low, high)):
-            axes.axvspan(first, last, **SHADED, label=label, gid="damping")
+            axes.axvspan(first, last, **ground, zorder=0, label=label, gid="damping")
             label = "_"
     if "gap" in marks and start is not None and "gap" not in drawn:
         edges = [length * edge for both in gaps_of(start, snap).values() for edge in both if low < length * edge < high]
-        _draw_verticals(axes, edges, "gap", color="black", ls=DOTTED, lw=1.4, label=GAP_LABEL)
+        _draw_verticals(axes, edges, "gap", color=shade(1.0), ls=DOTTED, lw=1.4, label=GAP_LABEL)
     if "companions" in marks and "companions" not in drawn:
         _draw_companions(axes, [orbit for each in snaps for orbit in companion_orbits(each)], length, (low, high))
 
@@ -291,7 +292,7 @@ def _draw_initial(axes: Axes, start: Snapshot, names: Sequence[str], display: Di
     there = [name for name in names if f"initial {name}" not in drawn and _has_field(name, start)]
     for name, curve in curves.profile_curves(start, there, display).items():
         label = "_" if INITIAL_LABEL in axes.get_legend_handles_labels()[1] else INITIAL_LABEL
-        style = {"color": "0.65", "lw": 0.9, "zorder": 1.5, "label": label, "gid": f"initial {name}"}
+        style = {"color": shade(INITIAL_INK), "lw": 0.9, "zorder": 1.5, "label": label, "gid": f"initial {name}"}
         curves.draw_curve(axes, start, curve, field_named(name), **style)
 
 
@@ -315,9 +316,10 @@ def _draw_companions(axes: Axes, orbits: Sequence[BodyOrbit], length: float, end
     low, high = ends
     radii = [(length * orbit.radius, orbit.number) for orbit in orbits if low < length * orbit.radius < high]
     apart = [length * each for orbit in orbits for each in apsides(orbit) if low < length * each < high]
-    _draw_verticals(axes, [radius for radius, _ in radii], "companions", color=GREY, ls=DASH_DOT, lw=1.0)
-    _draw_verticals(axes, apart, "companions", color=GREY, ls=DOTTED, lw=0.9)
-    style: dict[str, Any] = {"ha": "center", "va": "bottom", "fontsize": 8, "color": GREY}
+    grey = shade(LINE_INK)
+    _draw_verticals(axes, [radius for radius, _ in radii], "companions", color=grey, ls=DASH_DOT, lw=1.0)
+    _draw_verticals(axes, apart, "companions", color=grey, ls=DOTTED, lw=0.9)
+    style: dict[str, Any] = {"ha": "center", "va": "bottom", "fontsize": 8 * text_scale(), "color": grey}
     for x, text in _labels(radii, len({orbit.number for orbit in orbits}), TOGETHER_ABOVE * (high - low)):
         axes.text(x, 1.01, text, transform=axes.get_xaxis_transform(), **style)  # above the axes, away from curves
 

@@ -86,8 +86,8 @@ class Request:
                 "--compare: compares a single snapshot with another; give one DIR or FILE, and at most one --at"
             )
         names, snaps = self._read_snapshots([each.path for each in found])
-        head, titles = compose.titles_of(snaps, found)
         kind = self.kind or ("map" if snaps[0].dimensions == 2 else "profile")
+        head, titles = compose.titles_of(snaps, found, short=kind == "profile")
         self.display.used_for(kind)
         if self.compare and kind in ("profile", "phase"):
             raise PlotError(
