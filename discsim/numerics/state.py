@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from copy import deepcopy
 from dataclasses import dataclass, field, fields, replace
@@ -291,6 +291,12 @@ class State:
             acc_unshared={name: read_only(array) for name, array in self.acc_unshared.items()},
             ledger=deepcopy(self.ledger),
         )
+
+    def set_arrays(self, given: Mapping[str, Mapping[str, Array]]) -> None:
+        """Replace arrays of the particles by those in `given`, by species and name."""
+        for species, arrays in given.items():
+            for name, array in arrays.items():
+                setattr(self.species[species], name, array)
 
     @property
     def species(self) -> dict[str, Particles]:

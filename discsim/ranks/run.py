@@ -14,12 +14,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from discsim.effects.base import Effect, kick_effect_name
+from discsim.effects.base import Effect
 from discsim.numerics.state import State
 from discsim.output.checkpoint import Values
 from discsim.output.history import history_row
 from discsim.output.layout import GROUPS
-from discsim.output.open_step import KICKED, open_step_of
+from discsim.output.open_step import KICKED
 from discsim.output.parts import remove_unused_parts
 from discsim.output.snapshot_writer import Extent, extent_of, write_snapshot
 from discsim.printable import printable
@@ -27,7 +27,7 @@ from discsim.ranks import output
 from discsim.ranks.comm import Comm
 from discsim.ranks.start import begin_on_root, divide
 from discsim.ranks.world import ParallelComm
-from discsim.run.outputs import effect_columns, with_present_pressure
+from discsim.run.outputs import effect_columns, open_step_between, with_present_pressure
 from discsim.run.progress import Progress
 from discsim.run.records import Records
 from discsim.run.runner import Run, execute_and_report
@@ -164,7 +164,7 @@ class DividedRun(Run):
     def _write_output(self) -> None:
         sim, comm, in_parts = self.sim, self.comm, output.needs_parts(self.comm, self.sim.state)
         unfinished = output.gather_state(comm, sim.state, "ids", in_parts, OPEN_STEP_ARRAYS)
-        open_step = open_step_of(unfinished, kick_effect_name(sim.effects) is not None)
+        open_step = open_step_between(unfinished, sim.effects)
         del unfinished  # to free memory
         with sim.closed() as state:
             extra = output.gather_columns(comm, state, effect_columns(state, sim.effects.values()), "ids", in_parts)

@@ -1,7 +1,6 @@
-"""Checks of the contents of a checkpoint, before they replace a state of its scene.
+"""Contents of a checkpoint of a state, and checks of them before they replace a state of its scene.
 
-A file may be damaged, so each array is checked for the type, shape and range that kernels rely on. Functions raise
-EntryError for a wrong array, and CheckpointError for a wrong single value.
+A file may be damaged, so each array is checked for the type, shape and range that kernels rely on.
 """
 
 from __future__ import annotations
@@ -9,7 +8,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import asdict
-from typing import Any, NamedTuple
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -23,6 +23,10 @@ from discsim.output.checkpoint import CheckpointError, Scalar, Values
 from discsim.run.costs import Costs
 from discsim.run.forces import Effects, Limits
 from discsim.scene.units import clipped
+
+if TYPE_CHECKING:
+    from discsim.run.operators import Operators
+    from discsim.scene import Scene
 
 Array = np.ndarray
 Groups = Mapping[str, Any]
@@ -44,7 +48,26 @@ class CheckedContents(NamedTuple):
     costs: Costs
 
 
-def values_of_added_forces(effects: Effects) -> dict[str, Scalar]:
+def contents_of(
+    scene: Scene, state: State, operators: Operators
+) -> tuple[dict[str, dict[str, Array]], dict[str, Scalar]]:
+    """Return the contents of a checkpoint of `state`: arrays by group and name, and single values."""
+    groups = {name: p.arrays() for name, p in state.species.items()}
+    groups["own_acc"] = state.acc_unshared
+    groups["ledger"] = {name: np.atleast_1d(value) for name, value in asdict(state.ledger).items()}
+    if state.bodies is not None:
+        groups["bodies"] = state.bodies.arrays()
+    groups["scene"] = {"text": np.frombuffer(scene.text.encode(), np.uint8)}
+    groups["costs"] = operators.costs.arrays()
+    values: dict[str, Scalar] = {"time": state.time, "step": state.step, "lag": state.velocity_lag}
+    values |= dict(zip(LIMITS, operators.limits, strict=True))
+    values |= _values_of_added_forces(operators.effects)
+    if state.subcycle_clock is not None:
+        values |= {f"pace_{name}": value for name, value in state.subcycle_clock._asdict().items()}
+    return groups, values
+
+
+def _values_of_added_forces(effects: Effects) -> dict[str, Scalar]:
     """Return the value of a checkpoint that records the forces of `add_force`; none for a run without them."""
     found = descriptions(effects)
     return {ADDED_FORCES: "; ".join(found)} if found else {}
@@ -71,12 +94,24 @@ def refuse_other_forces(values: Values, effects: Effects) -> None:
                           f"expected add_force in this order, found {'; '.join(now)}")  # fmt: skip
 
 
-def checked_contents(state: State, effects: Effects, groups: Groups, values: Values) -> CheckedContents:
-    """Check the contents of a checkpoint, and return them as attributes of a state.
+def checked_contents(
+    path: str | Path, state: State, effects: Effects, groups: Groups, values: Values
+) -> CheckedContents:
+    """Check the contents of the checkpoint at `path`, and return them as attributes of a state.
 
     state, effects: a state of the scene, whose arrays have the expected types and shapes, and the effects of the
-    scene. groups, values: contents of the checkpoint, arrays by group and name, and single values.
+    scene. groups, values: contents of the checkpoint, arrays by group and name, and single values. Raises
+    CheckpointError.
     """
+    try:
+        return _checked_contents(state, effects, groups, values)
+    except EntryError as fault:
+        raise CheckpointError(
+            f"{path}: damaged checkpoint, or written by another version of discsim: {fault}"
+        ) from None
+
+
+def _checked_contents(state: State, effects: Effects, groups: Groups, values: Values) -> CheckedContents:
     particles = {name: _checked_particles(state, name, groups[name]) for name in state.species}
     time = values.number("time", start_time(state.scene))
     of_state = {

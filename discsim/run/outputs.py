@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import os
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
 
-from discsim.effects.base import Column, Effect
+from discsim.effects.base import Column, Effect, kick_effect_name
 from discsim.numerics.state import Gas, State
+from discsim.output.open_step import OpenStep, open_step_of
+from discsim.output.snapshot_writer import write_snapshot
 from discsim.physics.eos import pressure_and_sound_speed
+from discsim.scene import Scene
 from discsim.scene.tables import Run
 
 
@@ -63,3 +67,16 @@ def with_present_pressure(state: State) -> Gas | None:
         return gas
     pressure, sound_speed = pressure_and_sound_speed(state.scene, state.from_centre(gas.pos), gas.density, gas.u)
     return replace(gas, pressure=pressure, sound_speed=sound_speed)
+
+
+def open_step_between(state: State, effects: Mapping[str, Effect]) -> OpenStep:
+    """Return the open step of a state between two steps, before its closing kick."""
+    return open_step_of(state, kick_effect_name(effects) is not None)
+
+
+def write_state(
+    path: str | os.PathLike[str], scene: Scene, state: State, effects: Mapping[str, Effect], open_step: OpenStep
+) -> None:
+    """Write a snapshot of a state after its closing kick, with the open step from before this kick. Raises OSError."""
+    extra, gas = effect_columns(state, effects.values()), with_present_pressure(state)
+    write_snapshot(path, scene, state.time, gas, state.dust, extra, state.bodies, open_step)

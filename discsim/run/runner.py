@@ -12,15 +12,12 @@ from typing import Any
 
 from numba.core import caching, event
 
-from discsim.effects.base import kick_effect_name
 from discsim.initial import start_time
 from discsim.jit import cache
 from discsim.output import hdf5
 from discsim.output.checkpoint import OtherVersionWarning, Scalar, Values, other_version_warning, write_checkpoint
 from discsim.output.files import command_line, replace_atomically
-from discsim.output.open_step import open_step_of
 from discsim.output.parts import remove_unused_parts
-from discsim.output.snapshot_writer import write_snapshot
 from discsim.preview.derived import effect_rows
 from discsim.preview.forecast import store_slowness
 from discsim.preview.warnings import warnings
@@ -37,7 +34,7 @@ from discsim.run.directory import (
     require_usable_directory,
 )
 from discsim.run.interrupts import Interrupts, run_signals
-from discsim.run.outputs import due_times, effect_columns, with_present_pressure
+from discsim.run.outputs import due_times, open_step_between, write_state
 from discsim.run.progress import CompilationListener, Progress
 from discsim.run.records import Records
 from discsim.run.simulation import PhysicsError, Simulation
@@ -361,12 +358,9 @@ class Run:
     def _write_output(self) -> None:
         """Write the next snapshot, a row of history.csv and costs.csv."""
         sim = self.sim
-        open_step = open_step_of(sim.state, kick_effect_name(sim.effects) is not None)
+        open_step = open_step_between(sim.state, sim.effects)
         with sim.closed() as state:
-            extra = effect_columns(state, sim.effects.values())
-            gas = with_present_pressure(state)
-            path = self._snapshot_path(self.snapshots)
-            write_snapshot(path, self.scene, state.time, gas, state.dust, extra, state.bodies, open_step)
+            write_state(self._snapshot_path(self.snapshots), self.scene, state, sim.effects, open_step)
             self._add_row()
             if state.step == 0:
                 self.records.add_companions(state, 0.0)

@@ -12,8 +12,8 @@ import signal
 import threading
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
-from dataclasses import asdict, replace
+from contextlib import contextmanager, nullcontext
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -23,11 +23,9 @@ from discsim.effects.added_force import AddedForce, Function, descriptions
 from discsim.effects.base import Effect
 from discsim.initial import user_arrays
 from discsim.numerics.bodies import Bodies
-from discsim.numerics.entries import EntryError
 from discsim.numerics.state import Dust, Gas, State
 from discsim.numerics.threads import set_threads
 from discsim.output.checkpoint import (
-    CheckpointError,
     OtherVersionWarning,
     Scalar,
     Values,
@@ -42,6 +40,7 @@ from discsim.run.costs import Costs
 from discsim.run.forces import PhysicsError, acceleration_of
 from discsim.run.interrupts import Interrupts
 from discsim.run.operators import Operators
+from discsim.run.outputs import open_step_between, write_state
 from discsim.run.start import InitialState, begin
 from discsim.run.timestep import next_step
 from discsim.run.watch import Watch
@@ -124,7 +123,7 @@ class Simulation(Summarised):
 
     @property
     def limit(self) -> float:
-        """Longest step that the effects allow, before the Courant factor, in code units."""
+        """Longest step that the effects allow, before the Courant factor, in code units; inf before the first step."""
         return self.operators.limits.step
 
     @property
@@ -239,8 +238,7 @@ class Simulation(Summarised):
         interruption. Until then the velocities lack the closing kick of the last step; in `synchronised` they have it.
         """
         end = self.scene.run.until if until is None else self._time_in_code_units(until)
-        watch = Watch(self, end, progress, None if every is None else self._time_in_code_units(every), callback)
-        with watch:
+        with Watch(self, end, progress, None if every is None else self._time_in_code_units(every), callback) as watch:
             for time in watch.times:
                 try:
                     if not self.evolve(time, watch.after_step, read_only=True):  # callbacks get read-only views
@@ -349,9 +347,7 @@ class Simulation(Summarised):
             if self._unclosed is not state:
                 self.operators.arrays_exposed = True
                 state.velocity_lag, state.bodies = self._unclosed.velocity_lag, self._unclosed.bodies
-                for name, arrays in saved.items():
-                    for key, array in arrays.items():
-                        setattr(state.species[name], key, array)
+                state.set_arrays(saved)
             self._unclosed = None
 
     def add_force(
@@ -464,6 +460,29 @@ class Simulation(Summarised):
         groups, values = self.contents()
         write_checkpoint(path, groups, {**values, **(notes or {})}, None if before is None else Path(before))
 
+    def write_snapshot(self, path: str | Path) -> None:
+        """Write a snapshot of the present state for `discsim.read_snapshot`, figures and images; the run is unaffected.
+
+        Parameters
+        ----------
+        path : str or Path
+            File of the snapshot, replaced if it is there.
+
+        Raises
+        ------
+        OSError
+            The file cannot be written.
+        PhysicsError, ValueError
+            An array that was set is wrong.
+        RuntimeError
+            An interrupt has left a step half-made.
+        """
+        if self._unclosed is None:
+            self._prepare()
+        step = open_step_between(self._unclosed or self.state, self.effects)
+        with nullcontext(self.state) if self._unclosed else self.closed() as state:
+            write_state(path, self.scene, state, self.effects, step)
+
     def contents(self) -> tuple[dict[str, dict[str, np.ndarray]], dict[str, Scalar]]:
         """Return the contents of a checkpoint of the present state: arrays by group and name, and single values.
 
@@ -474,19 +493,7 @@ class Simulation(Summarised):
         self._refuse_half_made()
         state = self._unclosed or self.state
         guards.check_entries(state, self.effects)
-        groups = {name: p.arrays() for name, p in state.species.items()}
-        groups["own_acc"] = state.acc_unshared
-        groups["ledger"] = {name: np.atleast_1d(value) for name, value in asdict(state.ledger).items()}
-        if state.bodies is not None:
-            groups["bodies"] = state.bodies.arrays()
-        groups["scene"] = {"text": np.frombuffer(self.scene.text.encode(), np.uint8)}
-        groups["costs"] = self.costs.arrays()
-        values: dict[str, Scalar] = {"time": state.time, "step": state.step, "lag": state.velocity_lag}
-        values |= dict(zip(checkpoint_contents.LIMITS, self.operators.limits, strict=True))
-        values |= checkpoint_contents.values_of_added_forces(self.effects)
-        if state.subcycle_clock is not None:
-            values |= {f"pace_{name}": value for name, value in state.subcycle_clock._asdict().items()}
-        return groups, values
+        return checkpoint_contents.contents_of(self.scene, state, self.operators)
 
     def restore(self, path: str | Path, share: tuple[int, int] = (0, 1)) -> Values:
         """Continue from a checkpoint of this scene.
@@ -525,17 +532,10 @@ class Simulation(Summarised):
         groups, values = read_checkpoint(path, share)
         refuse_changed_scene(path, groups["scene"]["text"].tobytes(), self.scene)
         checkpoint_contents.refuse_other_forces(values, self.effects)
-        try:
-            found = checkpoint_contents.checked_contents(self.state, self.effects, groups, values)
-        except EntryError as fault:
-            raise CheckpointError(
-                f"{path}: damaged checkpoint, or written by another version of discsim: {fault}"
-            ) from None
+        found = checkpoint_contents.checked_contents(path, self.state, self.effects, groups, values)
         if remark := other_version_warning(values):  # before anything is set, as a filter may raise it as an exception
             warnings.warn(remark, OtherVersionWarning, stacklevel=2)
-        for name, arrays in found.particles.items():
-            for array_name, array in arrays.items():
-                setattr(self.state.species[name], array_name, array)
+        self.state.set_arrays(found.particles)
         for name, value in found.of_state.items():
             setattr(self.state, name, value)
         self.costs, self.operators.limits = found.costs, found.limits

@@ -295,7 +295,7 @@ def test_not_a_snapshot(disc, tmp_path):
     with pytest.raises(SnapshotError, match=r"none\.h5: file not found"):
         read_snapshot(tmp_path / "none.h5")
     write_checkpoint(path, {}, {})
-    with pytest.raises(SnapshotError, match="not a snapshot of discsim"):
+    with pytest.raises(SnapshotError, match=r"0003\.h5: a checkpoint, not a snapshot; restore it with Simulation"):
         read_snapshot(path)
 
 

@@ -153,7 +153,7 @@ def test_a_full_disk_is_one_line(tmp_path, monkeypatch, capsys):
     def full(path, *arguments):
         raise OSError(errno.ENOSPC, "No space left on device", str(path))
 
-    monkeypatch.setattr("discsim.run.runner.write_snapshot", full)
+    monkeypatch.setattr("discsim.run.outputs.write_snapshot", full)
     assert run_scene(scene_of(tmp_path, WAVE), tmp_path / "out", quiet=True) == 1
     message = capsys.readouterr().err
     assert len(message.splitlines()) == 1 and "0000.h5: cannot be written: No space left" in message

@@ -415,7 +415,7 @@ def test_too_few_file_handles_are_not_blamed_on_the_directory(tmp_path, monkeypa
     def full(*given, **more):
         raise OSError(errno.EMFILE, os.strerror(errno.EMFILE), "some.csv")
 
-    monkeypatch.setattr("discsim.run.runner.write_snapshot", full)
+    monkeypatch.setattr("discsim.run.outputs.write_snapshot", full)
     assert run_scene(scene_of(tmp_path, WAVE), tmp_path / "out", quiet=True) == 1
     said = capsys.readouterr().err
     assert said.startswith("too many open files in this process; raise the limit") and "written" not in said

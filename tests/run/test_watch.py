@@ -9,9 +9,9 @@ import signal
 import numpy as np
 import pytest
 from astropy import units as u
-from runs import at_step, state_bits
+from runs import assert_same_arrays, at_step, state_bits
 
-from discsim import Simulation, load_scene, read_snapshot
+from discsim import Simulation, load_scene, read_snapshot, simulate
 from discsim.output.snapshot_writer import write_snapshot
 from discsim.parts import Lazy
 
@@ -107,6 +107,55 @@ def test_times_may_be_quantities_and_texts(until, every):
     assert (times * sim.units.time).to_value("yr") == pytest.approx([0.5, 1.0], rel=1e-4)  # a Gaussian year: 365.257 d
     # The Earth, once around; a phase error of some (Omega dt)^2 of the orbit.
     assert sim.dust.pos[0] == pytest.approx([1.0, 0.0], abs=0.02)
+
+
+# Snapshots
+
+
+def test_a_snapshot_that_is_written_is_that_of_a_run_and_changes_no_bit(tmp_path):
+    """The same bits, wherever it is written: by a run, in a callback, while somebody looks, between two steps."""
+    until = 0.13
+    run = simulate(SCENE | {"run": SCENE["run"] | {"until": until, "snapshots": 1}}, tmp_path / "run")
+    straight, written = made(until=until), made(until=until)
+    straight.run()
+    written.run(callback=lambda sim: sim.write_snapshot(tmp_path / "callback.h5"))
+    written.write_snapshot(tmp_path / "closed.h5")
+    open_step = made()
+    open_step.evolve(until)
+    assert open_step.state.velocity_lag > 0.0
+    open_step.write_snapshot(tmp_path / "open.h5")
+    with open_step.synchronised():
+        open_step.write_snapshot(tmp_path / "synchronised.h5")
+    for name in ("callback", "closed", "open", "synchronised"):
+        snap = read_snapshot(tmp_path / f"{name}.h5")
+        assert snap.time == run[-1].time == until and snap.dust.stokes is not None  # a column of an effect
+        for species in ("gas", "dust"):
+            assert_same_arrays(vars(run[-1].species[species]), vars(snap.species[species]))
+        assert (snap.open_step.lag > 0.0) == (name != "closed")
+    assert state_bits(written) == state_bits(straight)
+    unseen = made()
+    unseen.evolve(until)
+    for sim in (unseen, open_step):
+        sim.evolve(until + 0.01)
+    assert state_bits(open_step) == state_bits(unseen)
+
+
+def test_a_snapshot_of_own_grains_with_an_own_force_has_fields(tmp_path):
+    """Grains of one mass in a ring: its mass over its area; before the first step as well."""
+    phi = np.linspace(0.0, 2.0 * np.pi, 40, endpoint=False)
+    pos = 1.5 * np.stack([np.cos(phi), np.sin(phi)], axis=1)
+    tables = {key: SCENE[key] for key in ("units", "run", "space")} | {"dust": {"ratio": 1.0}, "star": {"mass": 2.0}}
+    own = {"pos": pos, "vel": 0.0 * pos, "mass": np.full(40, 0.25)}
+    sim = Simulation(tables, particles={"dust": own})
+    sim.add_force(lambda p, time: 2.0 * p.pos / 1.5**3, on="dust", limit=0.3)  # against the star's gravity
+    for _ in range(2):
+        sim.write_snapshot(tmp_path / "a.h5")
+        snap = read_snapshot(tmp_path / "a.h5")
+        assert snap.time == sim.time
+        found = snap.field("dust.surface_density", edges=[1.4, 1.6]).value
+        assert found == pytest.approx([10.0 / (np.pi * (1.6**2 - 1.4**2))], rel=1e-12)
+        np.testing.assert_allclose(snap.dust.pos, pos, rtol=0, atol=1e-5)  # the star is softened by some 1e-3
+        sim.run(0.2)
 
 
 # Tables of pandas
