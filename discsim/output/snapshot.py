@@ -169,19 +169,20 @@ class SnapshotParticles(Summarised):
         """
         return dataframe_of(self.arrays())
 
-    def radial_profile(self, edges: Array) -> Array:
-        """Return the azimuthally averaged surface density in rings.
+    def radial_profile(self, edges: Any) -> Array:
+        """Return the azimuthally averaged surface density in rings. Raises PlotError if `edges` is invalid.
 
         Parameters
         ----------
-        edges : ndarray, shape (rings + 1,)
-            Rising radii in code units.
+        edges : Quantity or array_like, shape (rings + 1,)
+            Rising radii; an array is in code units.
 
         Returns
         -------
         ndarray, shape (rings,)
             Mass in each ring over its area, in code units.
         """
+        edges = display.edges_in_code_units(edges, self.units, dimensions=2)
         mass, _ = np.histogram(self.radius, edges, weights=self.mass)
         return mass / (np.pi * np.diff(np.square(edges)))
 

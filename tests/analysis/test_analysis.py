@@ -5,11 +5,13 @@ import csv
 import numpy as np
 import pytest
 import surface_density
+from astropy import units as u
 from scipy.ndimage import gaussian_filter
 
 from discsim.exact import dustywave, riemann
 from discsim.numerics.state import Dust, Gas
 from discsim.output.bins import CUTOFF, density_range, gaussians
+from discsim.output.fields.base import PlotError
 from discsim.output.figure import last_state_figure
 from discsim.output.snapshot import SnapshotError, read_snapshot
 from discsim.output.snapshot_writer import write_snapshot
@@ -108,7 +110,14 @@ def test_map_and_profile_hold_the_disc(tmp_path):
     radius = (edges[1:] + edges[:-1]) / 2
     expected = 0.1 / 90 / (2 * np.pi * radius)  # mass per radius over the circumference
     # One spiral of particles, 222 a unit of radius: the ring's ends round by one of 1100.
-    np.testing.assert_allclose(gas.radial_profile(edges), expected, rtol=2e-3)
+    found = gas.radial_profile(edges)
+    np.testing.assert_allclose(found, expected, rtol=2e-3)
+    au = gas.units.quantity(1.0, "length").to_value("au")
+    for given in (edges * gas.units.length, (edges * au / 1e3) * u.Unit("1000 au")):
+        np.testing.assert_allclose(gas.radial_profile(given), found, rtol=1e-9)
+    for wrong, words in ((edges * u.yr, "edges: "), (edges[::-1], "increasing numbers"), ([-1, 2], "radii of 0 or mo")):
+        with pytest.raises(PlotError, match=words):
+            gas.radial_profile(wrong)
     window = np.array([-120.0, -120.0]), np.array([120.0, 120.0])
     sigma = gas.surface_density_map(*window, 200)
     pixel = 240 / 200

@@ -369,7 +369,7 @@ def field_of(snap: Snapshot, name: str, edges: Any = None, **given: Any) -> Any:
     field, snap, display = field_named(name), snap.about_centre(), display_options(**given)
     display.arcsec_per_au(snap.units)  # raises PlotError for a distance without physical units
     if edges is not None:
-        values = fields_in_rings(snap, _edges_in_code_units(snap, edges), display.optics)[name]
+        values = fields_in_rings(snap, edges_in_code_units(edges, snap.units, snap.dimensions), display.optics)[name]
     elif display.window is not None or field.kind != "particles":
         if snap.dimensions == 1:
             raise FieldError(f"{name}: a run in one dimension has no map; give the argument edges, for bins in x")
@@ -379,16 +379,16 @@ def field_of(snap: Snapshot, name: str, edges: Any = None, **given: Any) -> Any:
     return field.quantity(snap.units, values)
 
 
-def _edges_in_code_units(snap: Snapshot, given: Any) -> Array:
+def edges_in_code_units(given: Any, units: Units, dimensions: int) -> Array:
     """Return `given`, the user's edges of rings (in 1D: of bins), as floats in code units. Raises PlotError."""
     try:
-        edges = np.asarray(snap.units.in_code(given, "length") if hasattr(given, "unit") else given, dtype=float)
+        edges = np.asarray(units.in_code(given, "length") if hasattr(given, "unit") else given, dtype=float)
     except UnitError as error:
         raise PlotError(f"edges: {error}") from None
     except (TypeError, ValueError):
         raise PlotError(f"edges: {_message_text(given)}; expected numbers in code units, or a Quantity") from None
     if edges.ndim != 1 or len(edges) < 2 or not (np.diff(edges) > 0.0).all():
         raise PlotError(f"edges: {_message_text(given)}; expected at least two increasing numbers")
-    if snap.dimensions == 2 and edges[0] < 0.0:
+    if dimensions == 2 and edges[0] < 0.0:
         raise PlotError(f"edges: {_message_text(given)}; expected radii of 0 or more")
     return edges
