@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
+from discsim.numerics.dataframe import dataframe_of_table
 from discsim.output.companions import COLUMNS, has_companions
 from discsim.output.fields.base import Field, PlotError
 from discsim.output.fields.display import DisplayOptions, display_options
@@ -105,6 +106,25 @@ class TimeProfile:
         ax.set(xlabel=f"r{unit}", ylabel=self.label)
         ax.legend(frameon=False, fontsize=9)
         return ax
+
+    def to_pandas(self) -> Any:
+        """Return the values as a table with a row for each radius and a column for each time.
+
+        Returns
+        -------
+        pandas.DataFrame
+            The names of its index and columns have their units, like "radius [au]" and "time [yr]"; `attrs` has the
+            `field` and the `unit` of the values.
+
+        Raises
+        ------
+        ImportError
+            Without pandas.
+        """
+        radius, time = (_axis_of_table(name, getattr(self, name)) for name in ("radius", "time"))
+        return dataframe_of_table(
+            self.values.value.T, radius, time, {"field": self.name, "unit": str(self.values.unit)}
+        )
 
 
 class Run(Summarised):
@@ -342,6 +362,12 @@ def profiles_in_time(
 def _axis_quantity(units: Units, values: Array, dimension: str) -> Any:
     """Return values in code units as an astropy Quantity in the unit of axes of figures."""
     return Field("particles", "", np.asarray, dimension, "").quantity(units, values)
+
+
+def _axis_of_table(name: str, values: Any) -> tuple[str, Array]:
+    """Return the name of an axis with its unit, like "radius [au]", and its values."""
+    unit = str(values.unit).replace("AU", "au")
+    return f"{name} [{unit}]" if unit else name, values.value
 
 
 def _table(path: Path, columns: Sequence[str]) -> Any:

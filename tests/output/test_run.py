@@ -73,6 +73,19 @@ def test_profile_in_time_is_the_surface_density_of_one_population(run):
     assert profile.label == r"$\Sigma_\mathrm{dust}$, pebbles, 5 cm [g cm$^{-2}$]"
 
 
+def test_profile_is_a_table_of_pandas_with_units(run):
+    profile = run.profile("dust.0.surface_density", window="9 au")
+    frame = profile.to_pandas()
+    assert (frame.index.name, frame.columns.name) == ("radius [au]", "time [yr]")
+    assert frame.attrs["field"] == "dust.0.surface_density" and u.Unit(frame.attrs["unit"]) == profile.values.unit
+    peak = int(profile.values[1].argmax())
+    row, column = frame.index[peak], frame.columns[1]
+    assert row * u.au == profile.radius[peak] and column * u.yr == profile.time[1]
+    assert frame.loc[row, column] == profile.values[1].value.max() > 0.0
+    frame[:] = -1.0  # a copy
+    assert (profile.values.value >= 0.0).any()
+
+
 def test_profile_is_drawn_for_some_times_with_units(run):
     ax = run.profile("dust.0.stokes").plot()
     assert [line.get_label() for line in ax.lines] == [f"t = {time:.4g}" for time in run.times]
