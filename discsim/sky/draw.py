@@ -37,9 +37,10 @@ def draw_map(
     sky: SkyMap, ax: Axes | None = None, limits: tuple[float, float] | None = None, stretch: str = "linear",
     cmap: Any = None, below: bool = False,
 ) -> Axes:  # fmt: skip
-    """Draw a map on axes, new ones by default; `limits` are in the unit of the colour bar. Raises PlotError.
+    """Draw a map on axes, new ones by default, with wavelength and time as title. Raises PlotError.
 
-    `cmap` is a colour map of matplotlib. The colour bar is to the right of the map, or with `below` below it.
+    `limits` are in the unit of the colour bar. `cmap` is a colour map of matplotlib. The colour bar is to the right of
+    the map, or with `below` below it.
     """
     colours = COLOURS[sky.quantity] if cmap is None else checked_colour_map(cmap)
     if stretch not in STRETCHES:
@@ -60,9 +61,8 @@ def draw_map(
         interpolation="nearest",
     )
     ax.set_facecolor(shade(0.15))  # grey where the values are NaN
-    long = "offset to the east [arcsec]", "offset to the north [arcsec]"
-    short = r"$\Delta$RA [arcsec]", r"$\Delta$Dec [arcsec]"  # for small panels
-    ax.set(**dict(zip(("xlabel", "ylabel"), short if below else long, strict=True)))
+    ax.set(xlabel=r"$\Delta$RA [arcsec]", ylabel=r"$\Delta$Dec [arcsec]")
+    ax.set_title(_short_title(sky), fontsize=10 * text_scale())
     edge = max(1, len(values) // 6)  # the rows below and above, where the marks are
     ink = contrast(image, np.concatenate([values[:edge], values[-edge:]]))[0]
     _draw_beam(ax, sky, ink, (half_x, half_y))
@@ -113,9 +113,14 @@ def _notes(sky: SkyMap, width: float) -> list[str]:
 
 def _panel_title(sky: SkyMap) -> str:
     angles = np.degrees([sky.orientation.inclination, sky.orientation.position_angle])
-    what = f"{sky.wavelength:g}" if sky.wavelength is not None else sky.quantity
     seen = "face-on" if angles[0] == 0.0 else f"i = {angles[0]:.3g}$\\degree$, PA = {angles[1]:.3g}$\\degree$"
-    return f"{what}, {figure_text(sky.time)}, {sky.distance:g} pc, {seen}"
+    return f"{_short_title(sky)}, {sky.distance:g} pc, {seen}"
+
+
+def _short_title(sky: SkyMap) -> str:
+    """Return the wavelength, or the quantity of a map without one, and the time."""
+    what = f"{sky.wavelength:g}" if sky.wavelength is not None else sky.quantity
+    return f"{what}, {figure_text(sky.time)}"
 
 
 def _unit_of(sky: SkyMap) -> tuple[float, str]:

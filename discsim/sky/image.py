@@ -29,6 +29,7 @@ from discsim.output.fields.frame import omega
 from discsim.output.fields.values import full_radius, is_centred
 from discsim.output.populations import grain_sizes, small_dust_size
 from discsim.printable import printable
+from discsim.scene.summary import Rows, Summarised
 from discsim.scene.units import clipped
 from discsim.sky import beam as beams
 from discsim.sky.opacity import Opacity, opacity_of
@@ -47,8 +48,8 @@ PIXELS = 512
 QUANTITIES = ("intensity", "velocity", "residual")
 
 
-@dataclass(frozen=True)
-class SkyMap:
+@dataclass(frozen=True, repr=False)
+class SkyMap(Summarised):
     """A map on the sky. The first index increases to the north, the second to the west, as in FITS files.
 
     Attributes
@@ -138,6 +139,24 @@ class SkyMap:
         north, west = (self.pixel * (np.arange(n) - 0.5 * (n - 1)) for n in self.values.shape)
         return u.Quantity(self.distance * self.orientation.radius(-west, north[:, None]), "au")
 
+    def summary(self) -> tuple[str, Rows]:
+        """Return the title of the scene, and rows of names and values for display."""
+        seen = self.values[np.isfinite(self.values)]
+        span = f"{seen.min():.4g} to {seen.max():.4g} {self.unit}".rstrip() if seen.size else "none"
+        ny, nx = self.values.shape
+        tilt, angle = np.degrees([self.orientation.inclination, self.orientation.position_angle])
+        rows = [
+            ("quantity", self.quantity),
+            ("wavelength", None if self.wavelength is None else f"{self.wavelength:g}"),
+            ("time", self.time),
+            ("values", span),
+            ("pixels", f"{ny} x {nx} of {self.pixel:.4g} arcsec, [north, west]"),
+            ("beam", None if self.beam is None else f"{_arcsec(self.beam.major)} x {_arcsec(self.beam.minor)} arcsec"),
+            ("distance", f"{self.distance:g} pc"),
+            ("inclination", f"{tilt:.4g} deg, position angle {angle:.4g} deg"),
+        ]
+        return self.title or "A map on the sky", [row for row in rows if row[1] is not None]
+
     def spectral_index(self, other: SkyMap, threshold: float | None = None) -> SkyMap:
         """Return the spectral index alpha, I ~ nu^alpha, from this map and a map at another wavelength.
 
@@ -195,7 +214,7 @@ class SkyMap:
         write_fits(self, path)
 
     def draw(self, ax: Axes | None = None, **options: Any) -> Axes:
-        """Draw the map with beam, scale bar, colour bar, north and east.
+        """Draw the map with wavelength and time, beam, scale bar, colour bar, north and east.
 
         Parameters
         ----------
@@ -326,6 +345,11 @@ def _empty_map(snap: Snapshot, options: ImageOptions) -> tuple[SkyMap, _Sky, Arr
         scene_hash=hashlib.sha256(snap.scene_text.encode()).hexdigest(),
     )
     return found, sky, kernel
+
+
+def _arcsec(angle: Any) -> str:
+    """Return an angle in arcsec as text."""
+    return f"{angle.to_value('arcsec'):.4g}"
 
 
 def _micrometres(wavelength: Any) -> int:

@@ -12,6 +12,7 @@ from sky_discs import SCENE, UNITS, even_positions, particles, snapshot
 
 from discsim.output.fields.base import PlotError
 from discsim.scene.units import Units
+from discsim.sky.draw import figure_of
 
 AU = 2.0  # au in a code unit of length
 D = 140 * u.pc
@@ -250,6 +251,43 @@ def test_face_on_image_has_the_orientation_of_the_plane_of_the_scene():
     )
     row, column = np.unravel_index(np.argmax(sky.values), sky.values.shape)
     assert column == pytest.approx(99.5 + 40, abs=1) and row == pytest.approx(99.5 + 60, abs=1)
+
+
+@pytest.fixture(scope="module")
+def inclined():
+    snap = replace(power_law_disc(3e-6, 1.2, rings=30), time=37.0)
+    seen = {"distance": D, "inclination": "41 deg", "position_angle": "17 deg", "pixels": 60, "fov": "1.8 arcsec",
+            "temperature": "30 K"}  # fmt: skip
+    return snap.image("0.87 mm", beam="0.2 arcsec,0.15 arcsec,30 deg", **seen), snap.image("3 mm", **seen)
+
+
+def test_a_map_is_shown_in_a_few_lines(inclined):
+    sky, index = inclined[0], inclined[1].spectral_index(replace(inclined[1], wavelength=2 * u.mm))
+    lines = dict(line.split(maxsplit=1) for line in repr(sky).splitlines()[1:])
+    assert repr(sky).startswith("A disc of known flux\n") and str(sky) == repr(sky) and len(repr(sky)) < 600
+    assert lines == {
+        "quantity": "intensity",
+        "wavelength": "0.87 mm",
+        "time": UNITS.show_time(37.0),
+        "values": f"{sky.values.min():.4g} to {sky.values.max():.4g} Jy/beam",
+        "pixels": "60 x 60 of 0.03 arcsec, [north, west]",
+        "beam": "0.2 x 0.15 arcsec",
+        "distance": "140 pc",
+        "inclination": "41 deg, position angle 17 deg",
+    }
+    assert "wavelength" not in repr(index) and "beam" not in repr(index) and "spectral index" in index._repr_html_()
+    nothing = replace(index, values=np.full((2, 3), np.nan), title="")
+    assert repr(nothing).startswith("A map on the sky\n") and "none" in repr(nothing) and "2 x 3" in repr(nothing)
+
+
+def test_a_map_is_drawn_as_the_command_draws_it_with_wavelength_and_time(inclined):
+    axes = [inclined[0].draw(), figure_of(inclined[:1]).axes[0], figure_of(inclined).axes[0]]
+    assert {(ax.get_xlabel(), ax.get_ylabel()) for ax in axes} == {
+        (r"$\Delta$RA [arcsec]", r"$\Delta$Dec [arcsec]"),
+    }
+    titles = [ax.get_title().replace("\n", " ") for ax in axes]
+    assert titles[0] == f"0.87 mm, {UNITS.show_time(37.0)}" and titles[1] == titles[2]
+    assert titles[1] == titles[0] + r", 140 pc, i = 41$\degree$, PA = 17$\degree$"
 
 
 def test_small_dust_in_gas_particles_is_seen():
