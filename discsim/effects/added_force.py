@@ -48,7 +48,10 @@ class GivenParticles:
                 setattr(self, name, read_only(array))
 
     def __getattr__(self, name: str) -> NoReturn:
-        raise AttributeError(f"particles of a force have no {name} here; expected one of {', '.join(vars(self))}")
+        remedy = "; for a force that depends on velocities, use discsim.register" if name == "vel" else ""
+        raise AttributeError(
+            f"particles of a force have no {name} here; expected one of {', '.join(vars(self))}{remedy}"
+        )
 
 
 class AddedForce(base.Effect):

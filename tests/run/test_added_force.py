@@ -358,8 +358,10 @@ def test_a_force_that_fails_later_ends_the_run_with_its_name():
 
 def test_velocities_are_not_given_and_arrays_are_read_only():
     sim = grains(timestep=0.05)
-    with pytest.raises(AttributeError, match="no vel here; expected one of pos, mass, ids, species"):
+    with pytest.raises(AttributeError, match=r"no vel here; expected .* mass, ids, species; .* use discsim\.register"):
         sim.add_force(lambda p, time: -p.vel, on="dust")
+    with pytest.raises(AttributeError, match=r"no u here; expected one of pos, mass, ids, species$"):
+        sim.add_force(lambda p, time: -p.u, on="dust")
 
     def writes(particles, time):
         particles.pos[:] = 0.0
