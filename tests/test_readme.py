@@ -169,8 +169,9 @@ def test_names_are_complete():
     blocks("python", "README.md") + blocks("python", "docs/api.md")[:3],
     ids=["readme", "simulation", "own particles", "own force"],
 )
-def test_python_runs(text, monkeypatch):
-    monkeypatch.chdir(HOME)
+def test_python_runs(text, tmp_path, monkeypatch):
+    (tmp_path / "setups").symlink_to(HOME / "setups")
+    monkeypatch.chdir(tmp_path)  # examples write files
     exec("import discsim\n" + text, {})
 
 
