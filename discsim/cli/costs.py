@@ -38,7 +38,7 @@ def cost(
         Path | None,
         typer.Option("-o", "--output", metavar="DIR", help="Directory of the table and figure [runs/<name>-cost]."),
     ] = None,
-    budget: Annotated[str, typer.Option(metavar="T", help="Wall-clock limit of a search.")] = "1 h",
+    budget: Annotated[str, typer.Option(metavar="T", help="Wall-clock limit of a search, with compilation.")] = "1 h",
     measure: Annotated[
         str | None, typer.Option(metavar="NAME", help="Error measure, like exact, dust-profile, gas-modes.")
     ] = None,

@@ -129,17 +129,24 @@ class RecordingRunner:
                 for point in dict.fromkeys(points)
                 if len(self._trial(point).runs) <= seed and not self._trial(point).stopped
             ]
-            found = self.runs_of([self._settings(point, seed) for point in todo], most)
-            for point, run in zip(todo, found, strict=True):
-                trial = self._trial(point)
-                if "stopped" in run:
-                    trial.stopped = run["stopped"]
-                elif not trial.stopped:
-                    error = self.measure.error(run, self.reference)
-                    if math.isfinite(error):
-                        trial.runs.append(Measured(run["cpu"], error))
-                    else:
-                        trial.stopped = "without a finite error"
+            settings = [self._settings(point, seed) for point in todo]
+            try:
+                self.runs_of(settings, most)
+            finally:  # after a BudgetError or an interrupt, the runs that did end count
+                for point, each in zip(todo, settings, strict=True):
+                    if (run := self.recorded.get(_hashable_settings(each))) is not None:
+                        self._add_result(self._trial(point), run)
+
+    def _add_result(self, trial: Trial, run: Run) -> None:
+        """Add the result of a run to its trial."""
+        if "stopped" in run:
+            trial.stopped = run["stopped"]
+        elif not trial.stopped:
+            error = self.measure.error(run, self.reference)
+            if math.isfinite(error):
+                trial.runs.append(Measured(run["cpu"], error))
+            else:
+                trial.stopped = "without a finite error"
 
     def _trial(self, point: GridPoint) -> Trial:
         """Return the trial of a grid point, which is created if necessary."""
@@ -159,13 +166,19 @@ class RecordingRunner:
         """Return one run for each entry of `settings`, recorded or made now. Raises BudgetError after the deadline."""
         todo = [each for each in settings if not self._is_recorded(each, most)]
         batches = [[each] for each in todo] if self.parallel == 1 else [todo] if todo else []
-        for batch in batches:
-            self._make_runs(batch, most)
+        try:
+            for batch in batches:
+                self._make_runs(batch, most)
+        finally:
+            self._count_runs(settings)
+        return [self.recorded[_hashable_settings(each)] for each in settings]
+
+    def _count_runs(self, settings: Sequence[Settings]) -> None:
+        """Add the recorded runs with these settings to the number and CPU time of the runs, each run once."""
         for each in map(_hashable_settings, settings):
-            if each not in self.counted:
+            if each in self.recorded and each not in self.counted:
                 self.counted.add(each)
                 self.count, self.cpu = self.count + 1, self.cpu + self.recorded[each]["cpu"]
-        return [self.recorded[_hashable_settings(each)] for each in settings]
 
     def _is_recorded(self, settings: Settings, most: float) -> bool:
         """Return whether the record has a run of these settings that was not stopped, or not much before `most`."""

@@ -195,6 +195,26 @@ def test_the_budget_ends_a_search(wave, tmp_path, monkeypatch, undrawn):
     assert nothing.exit_code == 4 and "no run completed" in nothing.output
 
 
+def test_the_summary_of_a_search_cut_short_has_all_its_runs(wave, tmp_path, monkeypatch, undrawn):
+    """The deadline falls between the probes of one batch, of which some have ended."""
+    made = fake(monkeypatch)
+    once = study_runs.one_run
+
+    def late(*arguments):
+        if len(made) == 8:
+            raise DeadlineError(0.25)
+        return once(*arguments)
+
+    monkeypatch.setattr(study_runs, "one_run", late)
+    done = invoke(wave, "--error", "0.9%", *FEW, "-o", tmp_path / "s")
+    runs = kept(tmp_path / "s")
+    cpu = sum(run["cpu"] for run in runs) + 0.25
+    assert len(runs) == 8 and f"search: 8 runs, {cpu:.3g} s of CPU" in done.output
+    # Only a run of the batch that was cut short reaches the error: the one with the particles of the scene.
+    assert [run["settings"] for run in runs if run["errors"]["gas"] <= 0.009][0] == {}
+    assert done.exit_code == 0 and "cheapest for 0.9%: the scene: error 0.8%" in done.output
+
+
 @pytest.mark.parametrize("parallel", [pytest.param(1, marks=pytest.mark.slow), 2])
 def test_a_trial_that_raises_anything_is_given_up(wave, tmp_path, monkeypatch, undrawn, parallel):
     """In a real search starts with fewer than 40 particles are refused, and those with other kernels fail."""
