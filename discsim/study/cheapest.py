@@ -82,6 +82,9 @@ def parse_error(text: str) -> float | None:
         raise StudyError(
             f"--error {text}: not an error; expected a number above 0, like 1% or 0.01, or the word {SCENE}"
         )
+    if goal >= 1.0:
+        meant = f'; for {goal:g} per cent write "{goal:g}%"' if not hundredths and goal < 100.0 else ", like 2%"
+        raise StudyError(f"--error {text}: an error of {100.0 * goal:g}%; expected less than 100%{meant}")
     return goal
 
 

@@ -74,6 +74,10 @@ def test_the_cheapest_setting_of_a_wave(wave, tmp_path):
         (["--error", "x"], "--error x: not an error; expected a number above 0, like 1% or 0.01"),
         (["--error", "-1%"], "--error -1%: not an error"),
         (["--error", "nan"], "--error nan: not an error"),
+        (["--error", "2"], '--error 2: an error of 200%; expected less than 100%; for 2 per cent write "2%"'),
+        (["--error", "1"], 'an error of 100%; expected less than 100%; for 1 per cent write "1%"'),
+        (["--error", "250%"], "--error 250%: an error of 250%; expected less than 100%, like 2%"),
+        (["--error", "300"], "--error 300: an error of 30000%; expected less than 100%, like 2%"),
         (["--error", "1%", "--budget", "soon"], "--budget soon: not a positive wall-clock time"),
         (["--error", "1%", "--budget", "-1 h"], "expected a time like"),
         (["--error", "1%", "--measure", "dust-profil"], 'did you mean "dust-profile"'),
@@ -211,7 +215,7 @@ def test_the_summary_of_a_search_cut_short_has_all_its_runs(wave, tmp_path, monk
     cpu = sum(run["cpu"] for run in runs) + 0.25
     assert len(runs) == 8 and f"search: 8 runs, {cpu:.3g} s of CPU" in done.output
     # Only a run of the batch that was cut short reaches the error: the one with the particles of the scene.
-    assert [run["settings"] for run in runs if run["errors"]["gas"] <= 0.009][0] == {}
+    assert next(run["settings"] for run in runs if run["errors"]["gas"] <= 0.009) == {}
     assert done.exit_code == 0 and "cheapest for 0.9%: the scene: error 0.8%" in done.output
 
 
