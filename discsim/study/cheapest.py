@@ -259,7 +259,9 @@ class Cheapest:
         """Search, print the results, and write cost.png and cheapest.toml. Return whether the goal was reached."""
         from discsim.study.frontier import frontier_figure, print_results
 
-        (self.directory / "cheapest.toml").unlink(missing_ok=True)
+        cheapest = self.directory / "cheapest.toml"
+        replaced = cheapest.exists()
+        cheapest.unlink(missing_ok=True)
         say = LoggedConsole(self.directory / "cost.log")
         self.runner = RecordingRunner(self.runs, self.knobs, self.measure, self.options, say)
         say(f"discsim {__version__}")
@@ -267,6 +269,11 @@ class Cheapest:
             f"{title}: search for the least CPU time with an error of {self._goal_text()}, into "
             f"{printable(self.directory)}"
         )
+        if replaced:
+            say(
+                f"{printable(cheapest)} of the last search is replaced; another directory, with -o, keeps both, and "
+                "the command of that search writes its result again without new runs"
+            )
         say("knobs: " + ", ".join(knob.name for knob in self.knobs.all))
         try:
             self._search(say)
@@ -282,7 +289,7 @@ class Cheapest:
             self._record_estimates()
         if self.found is not None:
             self._write_cheapest()
-            path = printable(self.directory / "cheapest.toml")
+            path = printable(cheapest)
             say(f"scene {path}; run it with: discsim run {path}")
         say(f"runs {printable(self.directory / RUNS)}")
         say(f"log {printable(say.log)}")

@@ -219,6 +219,18 @@ def test_the_summary_of_a_search_cut_short_has_all_its_runs(wave, tmp_path, monk
     assert done.exit_code == 0 and "cheapest for 0.9%: the scene: error 0.8%" in done.output
 
 
+def test_a_search_says_that_it_replaces_the_result_of_the_last_one(wave, tmp_path, monkeypatch, undrawn):
+    fake(monkeypatch)
+    cheapest, said, written = tmp_path / "s" / "cheapest.toml", [], []
+    for error in ("0.7%", "1.3%", "0.7%"):
+        done = invoke(wave, "--error", error, *FEW, "-o", tmp_path / "s")
+        assert done.exit_code == 0
+        said.append(f"{cheapest} of the last search is replaced; another directory, with -o, keeps both" in done.output)
+        written.append((cheapest.read_text(), len(kept(tmp_path / "s"))))
+    assert said == [False, True, True]
+    assert written[0][0] == written[2][0] != written[1][0] and written[1][1] == written[2][1]
+
+
 @pytest.mark.parametrize("parallel", [pytest.param(1, marks=pytest.mark.slow), 2])
 def test_a_trial_that_raises_anything_is_given_up(wave, tmp_path, monkeypatch, undrawn, parallel):
     """In a real search starts with fewer than 40 particles are refused, and those with other kernels fail."""
