@@ -70,7 +70,9 @@ class Study:
             self.runs.record(point.settings, run)
             left = (time.monotonic() - begun) / count * (len(todo) - count)
             what = run.get("stopped") or f"{run['cpu']:.3g} s of CPU, {run['steps']} steps"
-            say(f"{total - len(todo) + count}/{total}  {label_of(point.settings)}: {what}  {clock(left)} left")
+            say(
+                f"{total - len(todo) + count}/{total}  {label_of(point.settings, whole=True)}: {what}  {clock(left)} left"
+            )
         self._set_errors()
 
     def _make_runs(
@@ -114,7 +116,9 @@ class Study:
         self.write()
         if not any(point.done for point in self.points):
             stopped = self.points[0].runs[0]["stopped"]
-            raise StudyError(f"no run completed; the run with {label_of(self.points[0].settings)} was {stopped}")
+            raise StudyError(
+                f"no run completed; the run with {label_of(self.points[0].settings, whole=True)} was {stopped}"
+            )
         from discsim.study.costfigure import cost_figure  # imported here, as it is slow
 
         with replace_atomically(self.directory / "cost.png", ".png") as temporary:

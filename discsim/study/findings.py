@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 GOALS = (0.1, 0.01, 0.001)  # errors whose cheapest settings are printed
 MAX_EXTRAPOLATION = 1e8  # largest ratio of an extrapolated cost to the cost of the most accurate run
+LEAST_FALL = 0.1  # smallest q of a fit error ~ cost^-q that is extrapolated; half the error then costs 1000 times
 EQUAL_VALUES = 1e-9  # relative difference below which two values of x are equal to rounding
 
 
@@ -29,6 +30,19 @@ def fitted_power(x: Sequence[float], y: Sequence[float]) -> float | None:
     if len(x) < 2 or min(*x, *y) <= 0.0 or max(x) <= (1.0 + EQUAL_VALUES) * min(x):
         return None
     return float(np.polyfit(np.log(x), np.log(y), 1)[0])
+
+
+def fall_of_error(cost: Sequence[float], errors: Sequence[float]) -> float | None:
+    """Return the power q of a least-squares fit error ~ cost^-q; None if the error does not clearly fall.
+
+    It falls clearly if q is at least LEAST_FALL, and, for more than two points, more than twice its standard error.
+    """
+    power = fitted_power(cost, errors)
+    if power is None or -power < LEAST_FALL:
+        return None
+    x, y = np.log(cost) - np.mean(np.log(cost)), np.log(errors) - np.mean(np.log(errors))
+    variance = ((y - power * x) ** 2).sum() / (x**2).sum() / max(len(x) - 2, 1)
+    return -power if len(x) == 2 or -power > 2.0 * float(np.sqrt(variance)) else None
 
 
 def cost_of_error(points: Sequence[Point], goal: float, cost: Callable[[Point], float]) -> tuple[float, bool] | None:
@@ -60,7 +74,7 @@ def print_results(study: Study, console: Console) -> None:
         console.print(f"error: {study.exact_error}")
     elif study.reference is not None:
         console.print(
-            f"error: mass displaced relative to the run with {label_of(study.reference.settings)} (no exact solution)"
+            f"error: mass displaced relative to the run with {label_of(study.reference.settings, whole=True)} (no exact solution)"
         )
     front = {id(point) for point in study.front()}
     runs = Table("", *short_names(study.keys), "error", "CPU s", "steps", "updates", "momentum", "energy", box=SIMPLE)
@@ -82,14 +96,12 @@ def print_results(study: Study, console: Console) -> None:
         good = [point for point in study.points if point.error and point.error <= goal]
         if good:
             cheapest = min(good, key=lambda point: point.cpu)
-            console.print(f"error {goal:.3g}: {label_of(cheapest.settings)}, {cheapest.cpu:.3g} s of CPU")
+            console.print(f"error {goal:.3g}: {label_of(cheapest.settings, whole=True)}, {cheapest.cpu:.3g} s of CPU")
         else:
             console.print(f"error {goal:.3g}: no setting reaches this error")
     if study.axis is None:
         return
-    console.print(
-        f"\nerror ~ {', '.join(short_names(study.axis.keys))}^p; CPU seconds, and particle updates, for an error of"
-    )
+    console.print(f"\nerror ~ {', '.join(study.axis.keys)}^p; CPU seconds, and particle updates, for an error of")
     orders = Table("line", "p", "half the error", box=SIMPLE)
     for goal in GOALS:
         orders.add_column(f"{goal:.3g}", justify="right")
@@ -101,14 +113,18 @@ def print_results(study: Study, console: Console) -> None:
 
 
 def _order_cells(axis: Varied, points: Sequence[Point]) -> Iterator[str]:
-    """Yield the table cells for a line of runs: order, factor in cost for half the error, cost of each goal."""
+    """Yield the table cells for a line of runs: order, factor in cost for half the error, cost of each goal.
+
+    The factor and extrapolated costs are empty if the error does not clearly fall with the CPU time.
+    """
     values = [number_in(point.settings[axis.keys[0]]) or np.nan for point in points]
     errors = [point.error or np.nan for point in points]
     order = fitted_power(values, errors)
     yield "" if order is None else f"{order:.2f}"
-    dearer = fitted_power(errors, [point.cpu for point in points])
-    yield "" if dearer is None or dearer >= 0.0 else f"costs {0.5**dearer:.2g} times"
+    fall = fall_of_error([point.cpu for point in points], errors)
+    yield "" if fall is None else f"costs {2.0 ** (1.0 / fall):.2g} times"
     for goal in GOALS:
         for cost in (lambda point: point.cpu, lambda point: float(point.runs[0]["updates"])):
             paid = cost_of_error(points, goal, cost)
-            yield "" if paid is None else f"{'~' if paid[1] else ''}{paid[0]:.2g}"
+            known = paid is not None and (fall is not None or not paid[1])
+            yield f"{'~' if paid[1] else ''}{paid[0]:.2g}" if paid and known else ""

@@ -164,9 +164,9 @@ def points_by_line(points: Iterable[Point], axis: Varied | None) -> dict[str, li
     return out
 
 
-def label_of(settings: Settings) -> str:
-    """Return settings as printable text, like "courant = 0.2, eta = 1.2"."""
-    pairs = zip(short_names(settings), settings.values(), strict=True)
+def label_of(settings: Settings, whole: bool = False) -> str:
+    """Return settings as printable text, like "courant = 0.2, eta = 1.2", or with whole keys, "run.courant = 0.2"."""
+    pairs = zip(settings if whole else short_names(settings), settings.values(), strict=True)
     return printable(", ".join(f"{name} = {value}" for name, value in pairs))
 
 

@@ -14,7 +14,7 @@ from discsim.run.simulation import PhysicsError
 from discsim.scene import SceneError
 from discsim.study.cost import Study
 from discsim.study.errors import drifts, measure_of, profile_errors, totals
-from discsim.study.findings import cost_of_error, fitted_power
+from discsim.study.findings import _order_cells, cost_of_error, fall_of_error, fitted_power
 from discsim.study.points import Point, StudyError, Varied
 from discsim.study.runs import one_run
 
@@ -160,6 +160,27 @@ def test_power_of_a_line():
     assert fitted_power([1.0, 2.0, 4.0], [3.0, 0.75, 0.1875]) == pytest.approx(-2.0)
     assert fitted_power([1.0, 1.0], [3.0, 0.75]) is None
     assert fitted_power([0.5, 0.5 * (1.0 + 2.0**-52)], [3.0, 0.75]) is None  # rounding is no line
+
+
+def test_an_error_that_hardly_changes_predicts_no_cost():
+    """Neither a flat line nor one whose scatter is as large as its slope; a steep one does, to the slope."""
+    cpu, axis = [1.0, 2.1, 4.3, 8.7], Varied(("n",), ("3", "7", "15", "31"))
+
+    def cells(errors):
+        points = line(errors, cpu)
+        for point, n in zip(points, axis.values, strict=True):
+            point.settings["n"] = n
+        return list(_order_cells(axis, points))
+
+    assert fall_of_error(cpu, [0.3 * c**-1.7 for c in cpu]) == pytest.approx(1.7)
+    flat, noisy = [0.0162, 0.0160, 0.0161, 0.0159], [0.06, 0.016, 0.07, 0.02]
+    for errors in (flat, noisy):
+        assert fall_of_error(cpu, errors) is None
+        order, half, *goals = cells(errors)
+        # Extrapolated costs of 1% and 0.1% are left out; the cost of 10% is that of a run.
+        assert order and half == "" and goals == ["1", "10", "", "", "", ""]
+    order, half, *goals = cells([0.3 * c**-1.7 for c in cpu])
+    assert half == "costs 1.5 times" and goals[4].startswith("~")  # 2^(1 / 1.7)
 
 
 # Studies
