@@ -73,9 +73,8 @@ def print_results(study: Study, console: Console) -> None:
     if study.exact_error:
         console.print(f"error: {study.exact_error}")
     elif study.reference is not None:
-        console.print(
-            f"error: mass displaced relative to the run with {label_of(study.reference.settings, whole=True)} (no exact solution)"
-        )
+        label = label_of(study.reference.settings, whole=True)
+        console.print(f"error: mass displaced relative to the run with {label} (no exact solution)")
     front = {id(point) for point in study.front()}
     runs = Table("", *short_names(study.keys), "error", "CPU s", "steps", "updates", "momentum", "energy", box=SIMPLE)
     for point in study.points:
