@@ -70,9 +70,8 @@ class Study:
             self.runs.record(point.settings, run)
             left = (time.monotonic() - begun) / count * (len(todo) - count)
             what = run.get("stopped") or f"{run['cpu']:.3g} s of CPU, {run['steps']} steps"
-            say(
-                f"{total - len(todo) + count}/{total}  {label_of(point.settings, whole=True)}: {what}  {clock(left)} left"
-            )
+            label = label_of(point.settings, whole=True)
+            say(f"{total - len(todo) + count}/{total}  {label}: {what}  {clock(left)} left")
         self._set_errors()
 
     def _make_runs(
