@@ -109,12 +109,12 @@ def _frontier_table(study: Cheapest, front: list[Trial]) -> Table:
 def _knob_table(study: Cheapest, chosen: Trial) -> Table:
     """Return a table of the numeric knobs: values, effect of one rung near the trial `chosen`, and power laws.
 
-    A rung is one step to a finer value.
+    A rung is one step to a finer value. Knobs that the scene of `chosen` does not have are left out.
     """
     table = Table("knob", "scene", "found", "one step finer", "error ~", "CPU time ~", box=SIMPLE)
     trials = finished_trials(study.runner.trials)
     for k, knob in enumerate(study.knobs.all):
-        if knob.is_choice:
+        if knob.is_choice or not _has_knob(study.knobs, chosen.point, k):
             continue
         values = (value_text(study.knobs, point, k) for point in (study.unchanged, chosen.point))
         fitted = fit_powers(trials, k, knob.ratio)
@@ -133,6 +133,8 @@ def _choice_lines(study: Cheapest, chosen: Trial) -> Iterator[str]:
     """Yield a line of text per choice with the effect of its other values, measured near the trial `chosen`."""
     trials = finished_trials(study.runner.trials)
     for k, knob in enumerate(study.knobs.all):
+        if not _has_knob(study.knobs, chosen.point, k):
+            continue
         own, out = chosen.point[k], []
         for rung in range(knob.lowest, knob.highest + 1) if knob.is_choice else ():
             pairs = [(a, b) for a in trials if a.point[k] == own if (b := _trial_with_rung(study, a, k, rung))]
@@ -141,6 +143,13 @@ def _choice_lines(study: Cheapest, chosen: Trial) -> Iterator[str]:
                 out.append(f"{knob.word(study.knobs.base, rung)} ({told})")
         if out:
             yield f"{knob.name} {knob.word(study.knobs.base, own)}; instead {', '.join(out)}"
+
+
+def _has_knob(knobs: Knobs, point: GridPoint, k: int) -> bool:
+    """Return whether the scene with the settings of a grid point has knob k; a fluid on a grid has no kernel."""
+    knob = knobs.all[k]
+    others = (rung for rung in range(knob.lowest, knob.highest + 1) if rung != point[k])
+    return point[k] != 0 or any(knobs.settings(with_rung(point, k, rung)) is not None for rung in others)
 
 
 def _trial_with_rung(study: Cheapest, trial: Trial, k: int, rung: int) -> Trial | None:

@@ -372,6 +372,7 @@ BAD = [
     (["drag.cell=1"], "drag.cell: *remove this key"),
     (["drag.scheme=sios-ppm", "drag.integration=implicit"], "drag.integration: *remove this key"),
     (["gas.kernel=quintic"], "gas.kernel: *no SPH particles"),
+    (["gas.precision=single"], "gas.precision: *no SPH particles"),
     (["gas.viscosity.alpha=1"], "gas.viscosity*no SPH particles"),
     (["external.gas=1"], "external*has only pressure and drag"),
     (["star.mass=1"], "star*has only pressure and drag"),

@@ -15,9 +15,10 @@ from discsim.scene import SceneError
 from discsim.study import runs as study_runs
 from discsim.study.cheapest import Cheapest, SearchOptions
 from discsim.study.errors import measure_of
-from discsim.study.frontier import _cost_of_own_error, fit_powers
+from discsim.study.frontier import _choice_lines, _cost_of_own_error, _has_knob, _knob_table, fit_powers
+from discsim.study.knobs import Knobs
 from discsim.study.runs import DeadlineError
-from discsim.study.trials import Measured, Trial
+from discsim.study.trials import Measured, Trial, with_rung
 
 FEW = [
     "--keep",
@@ -285,6 +286,33 @@ def test_powers_are_those_of_all_pairs():
     trials = [trial(a, b) for a, b in ((0, 0), (2, 0), (-2, 1), (1, 1), (5, 7))]
     assert fit_powers(trials, 0, 2.0) == pytest.approx((-1.0, 1.5))
     assert fit_powers(trials[:1], 0, 2.0) is None
+
+
+def test_knobs_of_particles_are_left_out_where_the_cheapest_scheme_has_cells(wave):
+    def run_settings(changes):
+        return load_scene(wave, [f"{key}={value}" for key, value in changes.items()])
+
+    knobs = Knobs(run_settings)
+    names = [knob.name for knob in knobs.all]
+    scheme = names.index("drag.scheme")
+
+    def shown(word):
+        at = with_rung((0,) * len(names), scheme, knobs.all[scheme].words.index(word))
+        return [name for k, name in enumerate(names) if _has_knob(knobs, at, k)]
+
+    assert shown("") == names and {"gas.kernel", "neighbours", "drag.cell"} < set(names)
+    assert shown("emsi-ppm") == ["drag.scheme", "particles", "run.courant"]
+    assert set(names) - set(shown("mk")) == {"drag.cell"}  # pairs of particles, no cells
+
+    chosen = Trial(
+        with_rung((0,) * len(names), scheme, knobs.all[scheme].words.index("emsi-ppm")), [Measured(2.0, 0.3)]
+    )
+    study = SimpleNamespace(
+        knobs=knobs, runner=SimpleNamespace(trials={chosen.point: chosen}), unchanged=(0,) * len(names)
+    )
+    table = _knob_table(study, chosen)
+    assert [cell.partition(" x ")[0] for cell in table.columns[0].cells] == ["particles", "run.courant"]
+    assert [text.partition(" ")[0] for text in _choice_lines(study, chosen)] == ["drag.scheme"]
 
 
 @pytest.mark.parametrize(

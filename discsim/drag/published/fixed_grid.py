@@ -8,7 +8,7 @@ from discsim.parts import EOS, LAWS
 from discsim.scene.rules import Draft, Problem, starts_where
 
 # Keys of [gas] that apply only to SPH particles.
-OF_SPH = ("kernel", "eta", "smoothing_length", "viscosity", "conductivity", "quiet")
+OF_SPH = ("kernel", "eta", "smoothing_length", "precision", "viscosity", "conductivity", "quiet")
 
 
 def _problems_of_keys(draft: Draft) -> Iterator[Problem]:
