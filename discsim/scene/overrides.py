@@ -20,15 +20,19 @@ _NUMBER = re.compile(r"[+-]?(?:\d[\d_]*\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 class Option(str):
     """A change "table.key=value" from an option with its own name, such as --until; `typed` is the text of the option.
 
+    with_key: the option is typed with the key, as in --vary.
+
     >>> Option("--until", "run.until", "5"), Option("--until", "run.until", "5").typed
     ('run.until=5', '--until 5')
+    >>> Option("--vary", "gas.eta", "5", with_key=True).typed
+    '--vary gas.eta=5'
     """
 
     typed: str
 
-    def __new__(cls, name: str, key: str, value: object) -> Option:
+    def __new__(cls, name: str, key: str, value: object, with_key: bool = False) -> Option:
         self = super().__new__(cls, f"{key}={value}")
-        self.typed = f"{name} {clipped(str(value))}"
+        self.typed = f"{name} {clipped(self if with_key else str(value))}"
         return self
 
 

@@ -247,7 +247,7 @@ class Cheapest:
             return {}
         base = self.knobs.base
         settings = self.options.reference or {key: base.times(key, FINER, whole=True) for key in base.species}
-        self.runs.scene(settings)  # raises SceneError if invalid
+        self.runs.scene(settings, "--reference")  # raises SceneError if invalid
         return settings
 
     @property

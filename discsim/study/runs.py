@@ -20,6 +20,7 @@ from discsim.effects.base import SORT_EVERY
 from discsim.output.files import open_to_append, replace_atomically
 from discsim.run.progress import LINE_EVERY
 from discsim.scene import Scene, SceneError, load_scene
+from discsim.scene.overrides import Option
 from discsim.study.points import Settings, StudyError, label_of
 from discsim.study.workers import end_with_parent, failure_text, results
 from discsim.userfiles import read_text
@@ -82,10 +83,11 @@ class Runs:
         self.path, self.directory = path, directory
         self.settings, self.without = tuple(settings), tuple(without)
 
-    def scene(self, settings: Settings) -> Scene:
-        """Return the scene with these settings. Raises SceneError, whose messages contain the settings."""
+    def scene(self, settings: Settings, option: str = "--vary") -> Scene:
+        """Return the scene with these settings. Raises SceneError, whose messages contain `option` and the settings."""
+        changes = [Option(option, key, value, with_key=True) for key, value in settings.items()]
         try:
-            return load_scene(self.path, self.overrides(settings), self.without)
+            return load_scene(self.path, [*self.settings, *changes], self.without)
         except SceneError as fault:
             where = f" (with {label_of(settings)})" if settings else ""
             raise SceneError([problem + where for problem in fault.problems]) from None

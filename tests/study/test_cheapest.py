@@ -84,6 +84,11 @@ def test_the_cheapest_setting_of_a_wave(wave, tmp_path):
         (["--error", "1%", "--measure", "dust-profil"], 'did you mean "dust-profile"'),
         (["--error", "1%", "--keep", "drag.cel"], 'did you mean "drag.cell"'),
         (["--error", "1%", "--vary", "drag.schem=idic"], 'did you mean "scheme"'),
+        (["--error", "1%", "--vary", "drag.schem=idic"], "--vary drag.schem=idic: drag.schem: unknown key"),
+        (
+            ["--error", "1%", "--measure", "gas-profile", "--reference", "gas.partcles=7"],
+            "--reference gas.partcles=7: ",
+        ),
         (["--error", "1%", "--measure", "gas-profile", "--reference", "gas.particle=7"], 'did you mean "particles"'),
         (["--error", "1%", "--measure", "gas-profile", "--reference", "gas.particles"], "not a key with a value"),
         (["--measure", "exact", "--vary", "drag.K=1,2"], "--measure: used only with --error"),

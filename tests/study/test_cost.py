@@ -247,6 +247,7 @@ def test_parallel_runs_find_the_same_errors(wave, tmp_path):
         ("drag.scheme=tsc,tsk", 'did you mean "tsc"'),
         ("drag.scheme=tsc,tsk", "(with scheme = tsk)"),
         ("drag.schem=tsc,mk", 'did you mean "scheme"'),
+        ("gas.partcles=60,480", "--vary gas.partcles=60: gas.partcles: unknown key"),
         ("gas.particles", "expected table.key=a,b,c"),
     ],
 )
