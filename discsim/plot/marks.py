@@ -275,7 +275,8 @@ def draw_on_profile(
     if "initial" in marks and start is not None:
         _draw_initial(axes, start, names, replace(display, ends=display.radii(snap)))
     if "damping" in marks and "damping" not in drawn:
-        label, ground = DAMPED_LABEL, {"facecolor": shade(GROUND_INK), "edgecolor": shade(EDGE_INK), "lw": 0.6}
+        label = DAMPED_LABEL
+        ground: dict[str, Any] = {"facecolor": shade(GROUND_INK), "edgecolor": shade(EDGE_INK), "lw": 0.6}
         for first, last in _shown_spans(damped_radii(snap), length, (low, high)):
             axes.axvspan(first, last, **ground, zorder=0, label=label, gid="damping")
             label = "_"
