@@ -37,7 +37,8 @@ class Study:
     """A cost study: combinations of values of the keys `varied`, and their runs. Raises StudyError, SceneError.
 
     repeat: number of runs of each combination. settings, without: changes of the scene for all runs. The attribute
-    `reference` is the combination with which the others are compared, if there is no exact solution.
+    `reference` is the combination with which the others are compared, if there is no exact solution; `title` is the
+    title of the scene, or the name of its file.
     """
 
     def __init__(
@@ -48,7 +49,9 @@ class Study:
         self.runs = Runs(scene, directory, settings, without)
         self.keys, self.axis = keys_of(self.varied), axis_of(self.varied)
         self.points = combinations(self.varied)
-        measures = [measure_of(self.runs.scene(point.settings)) for point in self.points]
+        scenes = [self.runs.scene(point.settings) for point in self.points]
+        self.title = scenes[0].title or scene.stem
+        measures = [measure_of(each) for each in scenes]
         # How the error against the exact solution is defined, as text; None if a combination has no exact solution.
         self.exact_error = measures[0].words if all(measures) and measures[0] else None
         self.reference: Point | None = None

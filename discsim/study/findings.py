@@ -35,14 +35,16 @@ def fitted_power(x: Sequence[float], y: Sequence[float]) -> float | None:
 def fall_of_error(cost: Sequence[float], errors: Sequence[float]) -> float | None:
     """Return the power q of a least-squares fit error ~ cost^-q; None if the error does not clearly fall.
 
-    It falls clearly if q is at least LEAST_FALL, and, for more than two points, more than twice its standard error.
+    It falls clearly if q is at least LEAST_FALL, and either each dearer run is more accurate, or q is more than twice
+    its standard error.
     """
     power = fitted_power(cost, errors)
     if power is None or -power < LEAST_FALL:
         return None
     x, y = np.log(cost) - np.mean(np.log(cost)), np.log(errors) - np.mean(np.log(errors))
     variance = ((y - power * x) ** 2).sum() / (x**2).sum() / max(len(x) - 2, 1)
-    return -power if len(x) == 2 or -power > 2.0 * float(np.sqrt(variance)) else None
+    falls_each_time = bool((np.diff(y[np.argsort(x)]) < 0.0).all())
+    return -power if falls_each_time or -power > 2.0 * float(np.sqrt(variance)) else None
 
 
 def cost_of_error(points: Sequence[Point], goal: float, cost: Callable[[Point], float]) -> tuple[float, bool] | None:
@@ -100,7 +102,7 @@ def print_results(study: Study, console: Console) -> None:
             console.print(f"error {goal:.3g}: no setting reaches this error")
     if study.axis is None:
         return
-    console.print(f"\nerror ~ {', '.join(study.axis.keys)}^p; CPU seconds, and particle updates, for an error of")
+    console.print(f"\nerror ~ {study.axis.keys[0]}^p; CPU seconds, and particle updates, for an error of")
     orders = Table("line", "p", "half the error", box=SIMPLE)
     for goal in GOALS:
         orders.add_column(f"{goal:.3g}", justify="right")

@@ -12,6 +12,7 @@ import numpy as np
 
 from discsim.printable import UserError, printable
 
+ALL = "all"  # label of the line of all points, if no other setting varies
 Settings = dict[str, str]  # keys of a scene to set, with their values as text
 
 
@@ -160,7 +161,7 @@ def points_by_line(points: Iterable[Point], axis: Varied | None) -> dict[str, li
     out: dict[str, list[Point]] = {}
     for point in points:
         shared = {key: value for key, value in point.settings.items() if key not in along}
-        out.setdefault(label_of(shared) or "all", []).append(point)
+        out.setdefault(label_of(shared) or ALL, []).append(point)
     return out
 
 

@@ -2,10 +2,13 @@
 
 import csv
 import json
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 from typer.testing import CliRunner
 
 from discsim import Simulation, load_scene
@@ -13,9 +16,10 @@ from discsim.cli import app
 from discsim.run.simulation import PhysicsError
 from discsim.scene import SceneError
 from discsim.study.cost import Study
+from discsim.study.costfigure import cost_figure
 from discsim.study.errors import drifts, measure_of, profile_errors, totals
 from discsim.study.findings import _order_cells, cost_of_error, fall_of_error, fitted_power
-from discsim.study.points import Point, StudyError, Varied
+from discsim.study.points import Point, StudyError, Varied, points_by_line
 from discsim.study.runs import one_run
 
 WAVE = """
@@ -173,6 +177,8 @@ def test_an_error_that_hardly_changes_predicts_no_cost():
         return list(_order_cells(axis, points))
 
     assert fall_of_error(cpu, [0.3 * c**-1.7 for c in cpu]) == pytest.approx(1.7)
+    # Not a power law, but more accurate each time.
+    assert fall_of_error(cpu[:3], [3.5e-4, 4.9e-5, 2e-5]) > 1.0
     flat, noisy = [0.0162, 0.0160, 0.0161, 0.0159], [0.06, 0.016, 0.07, 0.02]
     for errors in (flat, noisy):
         assert fall_of_error(cpu, errors) is None
@@ -181,6 +187,31 @@ def test_an_error_that_hardly_changes_predicts_no_cost():
         assert order and half == "" and goals == ["1", "10", "", "", "", ""]
     order, half, *goals = cells([0.3 * c**-1.7 for c in cpu])
     assert half == "costs 1.5 times" and goals[4].startswith("~")  # 2^(1 / 1.7)
+
+
+@pytest.mark.parametrize("other", [{}, {"drag.scheme": "idic"}])
+def test_the_figure_tells_scene_measure_and_key_and_keeps_its_numbers_in_the_frame(tmp_path, monkeypatch, other):
+    drawn = []
+    monkeypatch.setattr(Figure, "savefig", lambda figure, *arguments, **named: drawn.append(figure))
+    points = line([0.071, 0.0032, 4.3e-4], [0.013, 0.17, 2.9])
+    for point, n in zip(points, ("60", "240", "123456789"), strict=True):
+        point.settings = {"gas.particles": n, **other}
+    axis = Varied(("gas.particles",), ("60", "240", "123456789"))
+    study = SimpleNamespace(
+        points=points, axis=axis, exact_error="heights of the grains", reference=None, title="Grains in a layer",
+        lines=lambda: points_by_line(points, axis), front=lambda: points,
+    )  # fmt: skip
+    cost_figure(study, tmp_path / "cost.png")
+    axes = drawn[0].axes[0]
+    FigureCanvasAgg(drawn[0]).draw()
+    assert axes.get_title() == "Grains in a layer" and axes.get_ylabel() == "error: heights of the grains"
+    legend = axes.get_legend()
+    assert legend.get_title().get_text() == "numbers at the points: gas.particles"
+    assert legend.get_texts()[0].get_text() == ("scheme = idic" if other else "runs")
+    assert [text.get_text() for text in axes.texts] == ["60", "123456789"]
+    for text in axes.texts:
+        box = text.get_window_extent()
+        assert axes.bbox.x0 < box.x0 and box.x1 < axes.bbox.x1
 
 
 # Studies
