@@ -20,7 +20,7 @@ def outcomes(seeds, **choices):
 
 def test_some_random_scenes():
     """With kernels, and terms of theirs, that other tests compile as well."""
-    found = outcomes(range(1057, 1065), schemes=("tsc",), kernels=("cubic",))
+    found = outcomes(range(1001, 1009), schemes=("tsc",), kernels=("cubic",))
     assert found["ran"] >= 3
 
 

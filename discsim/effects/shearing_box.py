@@ -83,23 +83,23 @@ def _drag_problems(draft: Draft) -> Iterator[Problem]:
 
 
 class Effect(base.Effect):
-    """Rotation and shear of a disc in a small periodic box. steady: drift U by species, (populations, 2)."""
+    """Rotation and shear of a disc in a small periodic box. drift: steady drift U by species, (populations, 2)."""
 
     keys = Keys
     rules = (_space_problems, _drag_problems)
-    from_start = ("steady",)
+    from_start = ("drift",)
 
     def __init__(self, scene: Scene, state: State) -> None:
         self.box = scene.table("shearing_box")
-        self.steady: dict[str, np.ndarray] = {}
+        self.drift: dict[str, np.ndarray] = {}
         self.kappa = self.box.omega * math.sqrt(2.0 * (2.0 - self.box.shear))
 
     def begin(self, state: State, effects: Mapping[str, base.Effect]) -> None:
         """Find the drift U, and set the azimuthal part of eq. (3), `across_acc`, of all particles."""
-        drift = streaming.drift(mean_box(state.scene, *_mean_densities(state)))
-        self.steady = {"gas": drift[:1], "dust": drift[1:]}
+        found = streaming.drift(mean_box(state.scene, *_mean_densities(state)))
+        self.drift = {"gas": found[:1], "dust": found[1:]}
         for name, p in state.species.items():
-            rate = -(2.0 - self.box.shear) * self.box.omega * self.steady[name][:, 0]
+            rate = -(2.0 - self.box.shear) * self.box.omega * self.drift[name][:, 0]
             p.across_acc[:] = rate[_populations(p)] if name == "dust" else rate[0]
 
     @classmethod
@@ -126,7 +126,7 @@ class Effect(base.Effect):
     def accelerate(self, view: base.View) -> None:
         """Add the radial part of eq. (3) to `acc_unshared` of gas and dust."""
         for name, p in view.species.items():
-            push = 2.0 * self.box.omega * (self.steady[name][:, 1] + (self.box.headwind if name == "gas" else 0.0))
+            push = 2.0 * self.box.omega * (self.drift[name][:, 1] + (self.box.headwind if name == "gas" else 0.0))
             acc = p.acc_unshared
             acc[:, 0] += push[p.species] if name == "dust" else push[0]
 
@@ -139,9 +139,7 @@ class Effect(base.Effect):
         angle, ratio = self.kappa * dt, 2.0 * self.box.omega / self.kappa
         turn = math.cos(angle), ratio * math.sin(angle), math.sin(angle) / ratio
         for name, p in state.species.items():
-            parallel_for(
-                kernels.rotate, p.count, _populations(p), self.steady[name], *turn, p.vel, p.across, light=True
-            )
+            parallel_for(kernels.rotate, p.count, _populations(p), self.drift[name], *turn, p.vel, p.across, light=True)
 
 
 def _populations(particles: Particles) -> np.ndarray:

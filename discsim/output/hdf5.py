@@ -361,7 +361,7 @@ def open_file_of_kind(path: str | os.PathLike[str], error: type[Exception], kind
     try:
         with open_checked(path) as file:
             found = file.attribute("discsim") if "discsim" in file.attributes else b""
-            if (found, kind) == (b"checkpoint", "snapshot"):
+            if found == b"checkpoint" and kind.encode() != found:
                 raise error(f"{path}: a checkpoint, not a snapshot; restore it with Simulation.restore")
             if found != kind.encode():
                 raise error(f"{path}: not a {kind} of discsim, but another HDF5 file; use a {kind} that discsim wrote")

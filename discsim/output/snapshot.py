@@ -24,6 +24,7 @@ from discsim.output import hdf5, open_step
 from discsim.output.bins import square_pixels
 from discsim.output.layout import GROUPS, PLAIN_UNITS
 from discsim.output.snapshot_entries import (
+    FINITE,
     is_requested,
     read_columns,
     scene_text_of,
@@ -47,9 +48,6 @@ display = Lazy("discsim.output.fields.display")
 frame = Lazy("discsim.output.fields.frame")
 sky = Lazy("discsim.sky.image")
 tools = Lazy("discsim.output.tools")
-FINITE = (
-    "pos", "vel", "across", "mass", "density", "h", "u", "pressure", "sound_speed", "temperature", "small", "size",
-)  # fmt: skip
 
 
 class SnapshotError(UserError):

@@ -19,6 +19,10 @@ from discsim.scene.units import UnitError, Units, clipped
 
 Array = np.ndarray
 REQUIRED = ("pos", "vel", "mass", "ids")  # columns that every species must have
+# Columns whose entries must be finite.
+FINITE = (
+    "pos", "vel", "across", "mass", "density", "h", "u", "pressure", "sound_speed", "temperature", "small", "size",
+)  # fmt: skip
 # Keys of a scene that functions on snapshots read, and whose values are texts.
 TEXT_KEYS = (("space", "boundary"), ("initial", "kind"), ("star", "frame"), ("star", "centre"), ("drag", "direction"))
 

@@ -27,7 +27,7 @@ def test_an_effect_about_a_pair_is_that_about_one_star(name):
 def test_every_effect_that_can_be_is_about_a_pair():
     given = {table for tables in EFFECTS.values() for table in scene(True, **tables)}
     # Without a star's part in them, and what needs the star at the origin.
-    assert given | {"external", "background"} >= {name.split(".")[0] for name in ALL}
+    assert given | {"external", "background", "shearing_box"} >= {name.split(".")[0] for name in ALL}
 
 
 @pytest.mark.parametrize("name", EFFECTS)

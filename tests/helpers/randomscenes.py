@@ -62,6 +62,7 @@ USUAL: dict[str, Any] = {
     "thickness": (0.03, 0.2), "radiation_pressure.beta": (0.01, 0.5), "external.gas": (-0.02, 0.02),
     "external.dust": (-0.02, 0.02), "vertical_frequency": (0.3, 1.7), "cooling.beta": (0.05, 30.0),
     "t_cool": (0.01, 9.0), "opacity": (1e4, 1e7), "K": (0.1, 900.0), "t_stop": (1e-4, 4.0), "stokes": (1e-3, 30.0),
+    "omega": (0.4, 1.9), "shear": (0.6, 1.7), "headwind": (-0.1, 0.3),
     "mean_free_column": (1e-12, 1e-8), "cell": (0.6, 3.1), "cell_length": (0.05, 0.3), "class_width": (1.1, 2.5),
     "D": (1e-7, 1e-4), "damping.time": (0.05, 3.0), "fragmentation_speed": (1e-4, 0.1), "small_size": (1e-14, 1e-12),
     "growth.smallest": (1e-16, 1e-15), "small_ratio": (1e-4, 3e-3), "initial.mass": (1e-4, 0.05),
@@ -135,7 +136,7 @@ def draw(seed: int, attempt: int = 0) -> dict[str, Any]:
     s = Scribe(seed, attempt)
     starts = [name for name in parts.STARTS if name in {*DISCS, *LINES, *PLANES}]
     start = starts[seed % len(starts)]
-    effects = [name for name in parts.EFFECTS if name not in ("gas", "dust", "drag", "star")]
+    effects = [name for name in parts.EFFECTS if name not in ("gas", "dust", "drag", "star", "shearing_box")]
     effect = effects[(seed // 2) % len(effects)]  # so that starts of discs meet all of them
     schemes, laws, gases = list(parts.SCHEMES), list(parts.LAWS), list(parts.EOS)
     scheme, law, gas = (
@@ -143,6 +144,8 @@ def draw(seed: int, attempt: int = 0) -> dict[str, Any]:
         laws[(seed // 4) % len(laws)],
         gases[(seed // 5) % len(gases)],
     )
+    if seed % 17 == 16:
+        return _consistent(_sheared(s, scheme))
     if scheme in ON_GRID:  # which few starts have
         start, effect = s.pick(("box", "wave", "shock")), ""
     if start in DISCS or effect in ("background", "companion", "damping", "growth", "cooling", "radiation_pressure"):
@@ -345,6 +348,20 @@ def _periodic(s: Scribe, start: str, effect: str, scheme: str, law: str, gas: st
     return scene
 
 
+def _sheared(s: Scribe, scheme: str) -> dict[str, Any]:
+    """A shearing box, whose drag has no direction of its own; the wave is that of two-way drag."""
+    scheme = scheme if parts.SCHEMES[scheme].by_component and scheme not in ON_GRID else "tsc"
+    scene = _periodic(s, "streaming", "", scheme, "stopping-time", "isothermal")
+    scene["shearing_box"] = s.keys("shearing_box", TABLES["shearing_box"])
+    scene["initial"]["wavelengths"] = s.pick(([1, 1], [2, 1], [1, 3]))
+    drag = scene.get("drag")
+    if drag is None or drag.get("direction") == "one-way":
+        scene["initial"]["amplitude"] = 0.0
+    if drag is not None and s.chance(0.5):
+        scene["dust"][0]["t_stop"] = s.between(*USUAL["t_stop"])
+    return scene
+
+
 def _gas(s: Scribe, kind: str) -> dict[str, Any]:
     eos = s.keys("eos", parts.EOS[kind].keys, kind=kind)
     if kind == "adiabatic":
@@ -382,7 +399,9 @@ def _sph(s: Scribe, kind: str, quiet: bool = False) -> dict[str, Any]:
 
 def _dust(s: Scribe) -> dict[str, Any]:
     (model, *_) = fields.models_in(TABLES["dust"])
-    return s.keys("dust", model)
+    table = s.keys("dust", model, t_stop=None)  # of one law alone: `_sheared`
+    del table["t_stop"]
+    return table
 
 
 NEEDED = ("K", "t_stop", "stokes", "mean_free_column")

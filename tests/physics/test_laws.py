@@ -65,13 +65,23 @@ def test_kernels_and_previews_have_one_formula(form):
             assert formulas.nonlinear_drag_factor(*given) == pytest.approx(nonlinear_drag_factor(*given), rel=1e-15)
 
 
-@pytest.mark.parametrize(("law", "given"), [("constant", {"K": 3.0}), ("stopping-time", {"t_stop": 0.3})])
-def test_the_rate_of_a_uniform_law_is_that_of_its_stopping_time(law, given):
-    """eps / t_stop, which exact solutions take; one that no gas changes says its time too."""
-    scene = load_scene(uniform(law, **given))
+@pytest.mark.parametrize(
+    ("law", "given", "of_dust"),
+    [
+        ("constant", {"K": 3.0}, {}), ("stopping-time", {"t_stop": 0.3}, {}),
+        ("stopping-time", {"t_stop": 0.3}, {"t_stop": 0.7}), ("stopping-time", {}, {"t_stop": 0.7}),
+    ],
+)  # fmt: skip
+def test_the_rate_of_a_uniform_law_is_that_of_its_stopping_time(law, given, of_dust):
+    """eps / t_stop, which exact solutions take; one that no gas changes says its time too, that of the dust first."""
+    tables = uniform(law, **given)
+    tables["dust"] = {**tables["dust"], **of_dust}
+    scene = load_scene(tables)
     (time,) = stopping_times(scene, np.array([2.0]), np.ones(1), None)
-    assert LAWS[law].uniform_rate(scene.drag, 0.5, 2.0) == pytest.approx(0.5 / time[0], rel=1e-15)
-    assert LAWS[law].uniform_time is None or LAWS[law].uniform_time(scene.drag) == time[0]
+    ratio = scene.dust[0].ratio
+    assert LAWS[law].uniform_rate(scene, scene.dust[0], 2.0) == pytest.approx(ratio / time[0], rel=1e-15)
+    assert LAWS[law].uniform_time is None or LAWS[law].uniform_time(scene, scene.dust[0]) == time[0]
+    assert time[0] == of_dust.get("t_stop", time[0])
 
 
 def uniform(law, **given):
