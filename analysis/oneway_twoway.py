@@ -249,10 +249,8 @@ def main(arguments: list[str] | None = None, prog: str | None = None) -> int:
     parser.add_argument(
         "-o", "--output", type=Path, default=Path(), metavar="OUT", help="directory of the files (default: the present)"
     )
-    parser.add_argument("--within", type=lengths, default=[], metavar="R,...", help="radii whose masses are shown")
-    parser.add_argument(
-        "--smooth", type=positive_number, metavar="W", help="standard deviation of the smoothing of profiles"
-    )
+    parser.add_argument("--within", type=lengths, default=[], metavar="R,...", help="radii in au of the masses shown")
+    parser.add_argument("--smooth", type=positive_number, metavar="W", help="standard deviation of the smoothing in au")
     parser.add_argument("--times", action="store_true", help="print the quantities of each snapshot")
     given = parser.parse_args(arguments)
     try:

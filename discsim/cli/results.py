@@ -186,7 +186,7 @@ def movie(
     style: StyleOption = None,
     dpi: DpiOption = None,
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="FILE", help="Film: mp4 or gif [DIR/plots/...].")
+        Path | None, typer.Option("-o", "--output", metavar="FILE", help="Film: mp4 or gif [mp4 with the extra movie].")
     ] = None,
 ) -> None:
     """Make a film of a run, with one frame for each snapshot."""
