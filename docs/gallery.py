@@ -71,7 +71,7 @@ def markdown(quick: bool, say: Callable[[str], None] = print) -> str:
         with ThreadPoolExecutor(min(4, os.cpu_count() or 1)) as workers:
             list(workers.map(draw, missing))
     named = re.findall(r"\(#(\w+)\)", (HERE / "gallery.md").read_text(encoding="utf-8"))
-    return "\n".join(line for name in named for line in entry(known[name]))
+    return "\n".join(line for name in dict.fromkeys(named) for line in entry(known[name]))
 
 
 def figure(each: Setup) -> Path:
