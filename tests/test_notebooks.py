@@ -80,6 +80,7 @@ def names(request, tmp_path, monkeypatch):
     plt.close("all")
 
 
+@pytest.mark.slow  # it compiles and runs a disc with a planet
 @pytest.mark.parametrize("names", ["planet_and_dust_rings"], indirect=True)
 def test_the_planet_notebook_makes_two_images_of_one_disc(names):
     """The flux differs by that of the noise, 15 uJy times the root of the number of beams; it is below 4 sigma."""
@@ -89,6 +90,7 @@ def test_the_planet_notebook_makes_two_images_of_one_disc(names):
     assert names["run"].populations == ["fine", "coarse"] and len(names["run"]) == 21
 
 
+@pytest.mark.slow  # it compiles and runs a cooling disc
 @pytest.mark.parametrize("names", ["fragmentation"], indirect=True)
 def test_the_toomre_mass_of_the_notebook_is_that_of_its_power_law(names):
     """With Sigma = M / (2 pi ln(outer / inner) r^2) it is pi^5 (M / (2 pi ln 3))^3 everywhere.

@@ -210,8 +210,10 @@ def drifts(sim):
     return np.mean(found, axis=0), np.mean(expected, axis=0)
 
 
-@pytest.mark.parametrize("scheme", ["tsc", "idic-linear"])
-@pytest.mark.parametrize("bins", [3, BINS])
+@pytest.mark.parametrize(
+    "bins, scheme",
+    [(3, "tsc"), (3, "idic-linear"), (BINS, "tsc"), pytest.param(BINS, "idic-linear", marks=pytest.mark.slow)],
+)
 def test_sizes_drift_each_at_its_own_speed(prescribed, scheme, bins):
     """NSH of three and of eight sizes at once (Benitez-Llambay et al. 2019), pressure given."""
     found, expected = drifts(disc(scheme, bins))

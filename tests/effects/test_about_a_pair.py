@@ -17,7 +17,9 @@ BOTH = FIRST + SECOND
 SAME = 1e-3
 
 
-@pytest.mark.parametrize("name", EFFECTS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow) if name == "drag, Stokes regime" else name for name in EFFECTS]
+)
 def test_an_effect_about_a_pair_is_that_about_one_star(name):
     """Energies, velocities, Stokes numbers, cooling, viscosity, sizes: by rings, after some of every effect's time."""
     off = differences(run(True, **EFFECTS[name]), run(False, **EFFECTS[name]))
