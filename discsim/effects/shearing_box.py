@@ -132,7 +132,7 @@ class Effect(base.Effect):
 
     def limit(self, view: base.View) -> dict[str, base.Limit]:
         # The rotation is exact, but steps beyond 1 / Omega do not resolve its coupling to drag and pressure.
-        return {base.ALL: base.Limit(1.0 / self.box.omega, math.inf, remedy="")}
+        return {base.ALL: base.Limit(1.0 / self.box.omega, math.inf)}
 
     def rotate(self, state: State, dt: float) -> None:
         """Rotate velocities over dt, eq. (2)."""

@@ -20,7 +20,6 @@ CUTOFF = 3.5  # cutoff of a Gaussian, in standard deviations
 _BLOCK = 1 << 19  # particles per block, so that temporary arrays fit into the cache
 # A map is computed with a margin of 1/8 of its longer side, because Gaussians of particles there extend into the map.
 _MARGIN_DIVISOR = 8
-CLUMP = 30.0  # largest ratio of the highest density on a colour scale to the median
 RINGS = 80  # number of rings in a figure
 FINE_BINS, ITERATIONS = 240, 4  # number of bins of a smooth profile; iterations for the widths of Gaussians
 MAX_WIDTH = 0.03  # largest standard deviation of a Gaussian, as a fraction of the length of the profile
@@ -247,12 +246,11 @@ def gaussians(cell: Array, mass: Array, sigma: float, shape: tuple[int, ...]) ->
     return (mass[:, None] * x).T @ y
 
 
-def density_range(sigma: Array, decades: float = 3.5) -> tuple[float, float]:
+def density_range(sigma: Array, decades: float = 3.5, clump: float = np.inf) -> tuple[float, float]:
     """Return the lowest and the highest surface density on the colour scale of a map with surface densities `sigma`.
 
-    Pixels in this range have about 99% of the mass. The highest value is at most CLUMP times the median, above which
-    half of the mass is, so that a small clump does not set the scale of a disc. The range has at most `decades` powers
-    of ten.
+    Pixels in this range have about 99% of the mass. The highest value is at most `clump` times the median; half of the
+    mass has a density above the median. The range has at most `decades` powers of ten.
     """
     seen = np.sort(sigma[sigma > 0])
     if not seen.size:
@@ -260,7 +258,7 @@ def density_range(sigma: Array, decades: float = 3.5) -> tuple[float, float]:
     mass = np.cumsum(seen)
     shares = np.array([0.01, 0.5, 0.999])
     low, median, high = seen[np.minimum(np.searchsorted(mass, shares * mass[-1]), seen.size - 1)]
-    high = min(high, CLUMP * median)
+    high = min(high, clump * median)
     if high < 1.05 * low:  # uniform: colours must not amplify rounding errors
         return low / 1.05, high * 1.05
     return max(low * max(0.5, (low / high) ** 0.25), high * 10**-decades), high

@@ -48,6 +48,7 @@ PLAIN_RANGE = (1e-4, 1e5)  # range of numbers that are written without a power o
 # Layout in inches. Positions of axes are fixed, because matplotlib's automatic layout takes longer than drawing.
 LEFT, RIGHT, BELOW, TITLE = 0.85, 0.25, 0.55, 0.9  # space left of, right of and below axes, and for titles
 COLUMN, MAP, ROW = 5.8, 3.9, 2.9  # pitch of maps, side of a map, pitch of profiles
+CLUMP = 30.0  # highest density on a colour scale over the median, so that a small clump does not set the scale
 MIN_SIDE = 2.0  # smallest side, for text of the default size, to which the height of the style reduces maps, in inches
 BAR = (0.08, 0.2)  # distance and width of a colour bar
 LABEL_WIDTH = 0.5  # of a number at the ticks of a horizontal colour bar
@@ -136,7 +137,7 @@ def common_norm(pictures: Iterable[Picture]) -> Normalize:
     field, values = pictures[0].field, np.concatenate([picture.values.ravel() for picture in pictures])
     values = values[np.isfinite(values)]
     if field.kind == "density" or field.dimension == "intensity":
-        return LogNorm(*density_range(values), clip=True)
+        return LogNorm(*density_range(values, clump=CLUMP), clip=True)
     if field.scale == "log":
         values = values[values > 0]
     if not values.size:

@@ -57,7 +57,7 @@ class BodyOrbit(NamedTuple):
 
     @property
     def is_planet(self) -> bool:
-        """Whether the companion is a planet, for which Hill radius and gap are defined, and not a second star."""
+        """True for a planet, False for a second star, which has no Hill radius and no gap."""
         return self.ratio < LARGEST_PLANET
 
     @property

@@ -78,7 +78,7 @@ class PanelFigure:
 
     @property
     def is_single(self) -> bool:
-        """Whether the figure has one panel."""
+        """True if the figure has one panel."""
         return len(self.rows) == 1 and len(self.rows[0]) == 1
 
     def figure(self, dpi: int | None = None) -> Figure:

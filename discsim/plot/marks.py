@@ -86,7 +86,7 @@ def _fault(display: DisplayOptions, name: str, text: str) -> PlotError:
 
 
 def _missing_reason(name: str, snap: Snapshot) -> str | None:
-    """Return the reason why a run does not have a mark; None if it has it."""
+    """Return the reason why a run lacks a mark, as text for a message; None if the run has the mark."""
     if name == "bodies" and not body_marks(snap):
         return "the run has no star"
     if name == "companions" and not companion_orbits(snap):

@@ -218,6 +218,13 @@ def test_range_of_mass():
     assert density_range(np.zeros(4)) == (0.1, 1.0)
 
 
+def test_a_small_clump_does_not_set_the_colour_scale():
+    """A clump with 11% of the mass in one pixel of 10,000; the median of the mass is 2."""
+    sigma = np.append(np.full(9999, 2.0), 2500.0)
+    assert density_range(sigma)[1] == 2500.0
+    assert density_range(sigma, clump=30.0)[1] == 60.0
+
+
 def test_figure_of_a_damaged_snapshot(tmp_path):
     (tmp_path / "a.h5").write_bytes(b"nothing")
     with pytest.raises(SnapshotError):

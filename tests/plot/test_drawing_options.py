@@ -105,7 +105,7 @@ def test_streamlines_of_gas_on_a_plane_and_on_a_logarithmic_axis(snap):
 
 
 def test_contours_lie_where_their_field_has_the_level(snap):
-    """Of the field x the contours are lines x = level; those of dust_to_gas have a label."""
+    """Contours of the field x are the lines x = level; contours of dust_to_gas have a label."""
     ax = discsim.plot.field_map(snap, "gas.surface_density", contours="gas.x=-3.1,2.6", pixels=150)
     (lines,) = [found for found in ax.collections if hasattr(found, "levels")]
     assert list(lines.levels) == [-3.1, 2.6]

@@ -210,7 +210,7 @@ def test_window_ends_where_gas_that_spread_out_is_a_tenth_of_the_discs_surface_d
 
 
 def test_window_has_nine_tenths_of_the_mass_although_a_ring_outshines_the_rest(tmp_path):
-    """Of the dust, 70% are in a ring at 1.3, whose surface density is 100 times that of the rest, which reaches 4."""
+    """A ring at 1.3 has 70% of the dust, and 100 times the surface density of the rest, which reaches 4."""
     ring, rest = np.linspace(1.28, 1.32, 14_000), radii_of(np.ones_like, 4.0, 6000)
     snap = snapshot_at((np.linspace(1.0, 1.5, 500), np.concatenate([ring, rest])), tmp_path)
     # Two thirds of the rest are within 4 sqrt(2/3) = 3.27. Only 99.5% of the particles count: 3.26.

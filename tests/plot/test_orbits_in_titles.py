@@ -133,7 +133,7 @@ def test_the_history_in_a_report_has_the_same_axis(counted, monkeypatch):
 
 
 def test_a_run_and_its_continuation_report_orbits(tmp_path, monkeypatch):
-    """Of 70 grains that a companion passes; the end is where Kepler has it, and the text goes on in scene.toml."""
+    """A run of 70 grains ends where the companion is after this number of orbits; scene.toml keeps the text."""
     monkeypatch.setattr("discsim.output.figure.last_state_figure", lambda snapshot, figure: figure.touch())
     tables = {
         "units": {"system": "code"}, "run": {"until": "0.02 orbits", "every": "0.01 orbits", "threads": 1},

@@ -113,7 +113,7 @@ def test_times_may_be_quantities_and_texts(until, every):
 
 
 def test_a_snapshot_that_is_written_is_that_of_a_run_and_changes_no_bit(tmp_path):
-    """The same bits, wherever it is written: by a run, in a callback, while somebody looks, between two steps."""
+    """A snapshot has the same bits written by a run, in a callback, in `synchronised`, or between two steps."""
     until = 0.13
     run = simulate(SCENE | {"run": SCENE["run"] | {"until": until, "snapshots": 1}}, tmp_path / "run")
     straight, written = made(until=until), made(until=until)
