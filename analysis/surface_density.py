@@ -1,29 +1,36 @@
 """Surface density of runs: radial profiles at several times, the last map, and log Sigma in radius and time.
 
-    python analysis/surface_density.py DIR... [-o OUT]
+    python analysis/surface_density.py DIR... [-o OUT] [--smooth W | --rings N]
 
 Each DIR is the output directory of a run. For each run it writes, into OUT or into the run's own directory,
 NAME-profiles.png, NAME-map.png, NAME-radius-time.png and NAME-profiles.csv (Sigma by time and radius),
-where NAME is the directory's name. Sigma is the mass in a ring over the ring's area.
+where NAME is the directory's name.
+
+Profiles are those of `discsim plot --profile`: each particle is spread in radius by a Gaussian. By default its standard
+deviation is 0.6 of the mean distance between particles at that radius, which hides the rings in which particles start;
+--smooth W sets it everywhere, to a length like "2 au" (a plain number is in au, for runs in code units in code units).
+With --rings N, Sigma is the mass in each of N rings over the area of the ring, without smoothing, so that the rings in
+which particles start show as waves.
 """
 
 from __future__ import annotations
 
-import argparse
-import csv
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import matplotlib
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
 from discsim import open_run
-from discsim.output.bins import density_range
+from discsim.output.bins import density_range, smallest_width
+from discsim.output.fields.values import smooth_profile
+from discsim.output.results import length_in_code, positive_text, print_fault, script_parser, write_table
 from discsim.output.snapshot import Snapshot
+from discsim.plot.request import save
 from discsim.printable import UserError
 
 COLOURS = {"gas": "viridis", "dust": "inferno"}
@@ -36,24 +43,42 @@ class InputError(UserError):
 
 
 class Run:
-    """The snapshots of one run and its radial profiles, in the units of the figures."""
+    """The snapshots of one run and its radial profiles, in the units of the figures.
 
-    def __init__(self, directory: Path, rings: int) -> None:
+    smooth: standard deviation of the smoothing as text, by default that of `discsim plot --profile`. rings: number of
+    rings without smoothing.
+    """
+
+    def __init__(self, directory: Path, smooth: str | None, rings: int | None) -> None:
         snapshots = list(open_run(directory))
         self.name, self.last = directory.resolve().name, snapshots[-1]
         if self.last.dimensions != 2:
             raise InputError(f"{directory}: a run in one dimension has no surface density")
-        self.edges = np.linspace(0, _reach(snapshots[0]), rings + 1)
+        ends = 0.0, _reach(snapshots[0])
+        width = None if smooth is None else length_in_code(smooth, self.last.units, "--smooth")
         self.kinds = list(self.last.species)
         self.physical = self.last.units.system != "code"
         self.length = self._factor("length", "au")
         self.density = self._factor("surface_density", "g/cm2")
         self.times = self._factor("time", "yr") * np.array([snap.time for snap in snapshots])
-        # Profiles by kind: (times, rings).
+        if width is not None and not smallest_width(ends) <= width <= ends[1]:
+            low, high = (self.last.units.show(limit, "length") for limit in (smallest_width(ends), ends[1]))
+            raise InputError(f"--smooth {smooth}: expected {low} to {high} for {directory}")
+        self.edges = np.empty(0)
         self.profiles = {
-            kind: self.density * np.array([snap.species[kind].radial_profile(self.edges) for snap in snapshots])
-            for kind in self.kinds
+            kind: self.density * self._profiles(snapshots, kind, ends, width, rings) for kind in self.kinds
         }
+
+    def _profiles(
+        self, snapshots: list[Snapshot], kind: str, ends: tuple[float, float], width: float | None, rings: int | None
+    ) -> np.ndarray:
+        """Return the profiles (times, rings) of a species in code units, and set the edges of the rings."""
+        if rings is not None:
+            self.edges = np.linspace(*ends, rings + 1)
+            return np.array([snap.species[kind].radial_profile(self.edges) for snap in snapshots])
+        found = [smooth_profile(snap, ends, width=width) for snap in snapshots]
+        self.edges = found[0][0]
+        return np.array([binned[f"{kind}.surface_density"] for _, binned in found])
 
     def _factor(self, dimension: str, unit: str) -> float:
         """From code units to those of the figures."""
@@ -146,14 +171,14 @@ def _between(times: np.ndarray) -> np.ndarray:
 
 def write_csv(run: Run, path: Path) -> None:
     """One row a ring and time: time, r, and Sigma of each species."""
-    with path.open("w", newline="") as file:
-        table = csv.writer(file)
-        units = ("_yr", "_au", "_g_cm2") if run.physical else ("", "", "")
-        table.writerow([f"time{units[0]}", f"radius{units[1]}", *(f"sigma_{kind}{units[2]}" for kind in run.kinds)])
-        for index, time in enumerate(run.times):
-            for ring, radius in enumerate(run.radius):
-                sigmas = (f"{run.profiles[kind][index, ring]:.6g}" for kind in run.kinds)
-                table.writerow([f"{time:.8g}", f"{radius:.6g}", *sigmas])
+    units = ("_yr", "_au", "_g_cm2") if run.physical else ("", "", "")
+    head = [f"time{units[0]}", f"radius{units[1]}", *(f"sigma_{kind}{units[2]}" for kind in run.kinds)]
+    rows = (
+        [f"{time:.8g}", f"{radius:.6g}", *(f"{run.profiles[kind][index, ring]:.6g}" for kind in run.kinds)]
+        for index, time in enumerate(run.times)
+        for ring, radius in enumerate(run.radius)
+    )
+    write_table(path, head, rows)
 
 
 FIGURES: dict[str, Callable[[Run], Figure]] = {
@@ -165,27 +190,30 @@ FIGURES: dict[str, Callable[[Run], Figure]] = {
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = script_parser(__doc__, None, __file__)
     parser.add_argument("directories", metavar="DIR", nargs="+", type=Path, help="output directory of a run")
     parser.add_argument("-o", "--output", metavar="OUT", type=Path, help="where to write; default: into each DIR")
-    parser.add_argument("--rings", type=int, default=80, help="rings of a radial profile (default 80)")
+    profiles = parser.add_mutually_exclusive_group()
+    profiles.add_argument(
+        "--smooth",
+        type=positive_text,
+        metavar="W",
+        help='standard deviation of the smoothing of profiles, like "2 au"; default: 0.6 of the distance of particles',
+    )
+    profiles.add_argument("--rings", type=int, metavar="N", help="profiles in N rings, without smoothing")
     options = parser.parse_args(arguments)
-    if options.rings < 1:
+    if options.rings is not None and options.rings < 1:
         parser.error("--rings: expected 1 or more")
     try:
         for directory in options.directories:
-            run = Run(directory, options.rings)
+            run = Run(directory, options.smooth, options.rings)
             into = options.output or directory
-            into.mkdir(parents=True, exist_ok=True)
             write_csv(run, into / f"{run.name}-profiles.csv")
             for name, draw in FIGURES.items():
-                figure = draw(run)
-                FigureCanvasAgg(figure)
-                figure.savefig(into / f"{run.name}-{name}.png", dpi=130)
+                save(partial(draw, run), into / f"{run.name}-{name}.png", dpi=130)
             print(f"{directory}: {len(run.times)} snapshots -> {into}/{run.name}-*.png, {run.name}-profiles.csv")
     except (UserError, OSError) as error:
-        print(f"surface_density: {error}", file=sys.stderr)
-        return 2
+        return print_fault("surface_density", error)
     return 0
 
 

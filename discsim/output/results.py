@@ -1,4 +1,9 @@
-"""Parts that analysis scripts share: tables with units on the terminal, CSV files, messages, and types of options."""
+"""Parts that analysis scripts share: tables with units on the terminal, CSV files, messages, and options with units.
+
+Lengths on the command line are texts like "20 au"; numbers without a unit are in the unit of tables, au, or in code
+units for a scene in code units. Times are numbers of orbits, "3 orbits" or 3, of an orbit that the script names; or
+texts like "500 yr" and "3 orbits at 20 au", as in scenes.
+"""
 
 from __future__ import annotations
 
@@ -12,10 +17,18 @@ from typing import TYPE_CHECKING
 
 from discsim.output.files import replace_atomically
 from discsim.printable import UserError, printable, printable_lines
+from discsim.scene.orbits import time_in_code_units
+from discsim.scene.units import UnitError, clipped, split_number
 from discsim.userfiles import system_message
 
 if TYPE_CHECKING:
+    from discsim.scene import Scene
     from discsim.scene.units import Units
+
+
+class OptionError(UserError):
+    """An option of a script that does not suit the run; the message has the reason."""
+
 
 CODE_UNITS = "code units"  # unit of quantities with a dimension, in the code system
 MAX_WIDTH = 200  # characters of a line; narrower tables do not fill it
@@ -79,10 +92,67 @@ def script_parser(text: str | None, prog: str | None, file: str) -> argparse.Arg
 
 def positive_number(text: str) -> float:
     """Return the positive number in a text, as a type of argparse. Raises ArgumentTypeError."""
+    if _leading_number(text)[1]:
+        raise argparse.ArgumentTypeError(f"{clipped(text)!r}: expected a number above 0")
+    return _leading_number(text)[0]
+
+
+def positive_text(text: str) -> str:
+    """Return a text that starts with a positive number, as a type of argparse. Raises ArgumentTypeError.
+
+    The unit is read by `length_in_code` and `orbits_of`, as it may depend on the run.
+    """
+    _leading_number(text)
+    return text
+
+
+def positive_texts(text: str) -> list[str]:
+    """Return texts that start with positive numbers, from one text with commas. Raises ArgumentTypeError."""
+    return [positive_text(part) for part in text.split(",")]
+
+
+def number_text(text: str) -> str:
+    """Return a text that starts with a number from 0, as a type of argparse. Raises ArgumentTypeError."""
+    _leading_number(text, has_zero=True)
+    return text
+
+
+def _leading_number(text: str, has_zero: bool = False) -> tuple[float, str]:
+    """Return the number at the start of a text, and the rest. Raises ArgumentTypeError unless it is above 0.
+
+    With `has_zero` it may be 0.
+    """
     try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0.0 < value < math.inf:
-        raise argparse.ArgumentTypeError(f"{text!r}: expected a number above 0")
-    return value
+        value, rest = split_number(text, "a number")
+    except UnitError:
+        value, rest = math.nan, ""
+    if not (0.0 < value < math.inf or (has_zero and value == 0.0)):
+        raise argparse.ArgumentTypeError(f"{clipped(text)!r}: expected a number {'from' if has_zero else 'above'} 0")
+    return value, rest
+
+
+def length_in_code(text: str, units: Units, name: str) -> float:
+    """Return a length like "20 au" in code units; a number without unit is in the unit of tables.
+
+    `name` is the option in messages. Raises OptionError.
+    """
+    try:
+        value, rest = split_number(text, units.expected("length"))
+        return units.of_text(text, "length") if rest else value / display_unit(units, "length", "au")[0]
+    except UnitError as error:
+        raise OptionError(f"{name}: {error}") from None
+
+
+def orbits_of(text: str, period: float, scene: Scene, name: str) -> float:
+    """Return a time as a number of orbits with the given period in code units.
+
+    `text` is a number of these orbits like "3" or "3 orbits", or a time like "500 yr" or "3 orbits at 20 au". `scene`
+    is that of the run, `name` the option in messages. Raises OptionError.
+    """
+    try:
+        value, rest = split_number(text, "a number of orbits")
+        if rest in ("", "orbit", "orbits"):
+            return value
+        return time_in_code_units(text, scene.units, scene.text) / period
+    except UnitError as error:
+        raise OptionError(f"{name}: {error}") from None

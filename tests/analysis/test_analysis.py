@@ -253,6 +253,50 @@ def test_surface_density(tmp_path, capsys, kinds):
     assert max(float(row["time_yr"]) for row in rows) == pytest.approx(60 / (2 * np.pi), rel=1e-4)
 
 
+def test_surface_density_of_a_quiet_start_is_smooth(tmp_path):
+    """Particles on rings 1.6 au apart, as in a disc of 10^4: Sigma ~ 1/r, by default and with a given width."""
+    rings = np.arange(10.8, 100.0, 1.6)
+    count = np.round(2 * np.pi * rings / 1.6 * 50 / rings).astype(int)  # Sigma ~ 1/r, 196 particles a ring
+    radius = np.repeat(rings, count)
+    angle = np.concatenate([2 * np.pi * np.arange(n) / n for n in count])
+    pos = radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    run, scene = tmp_path / "run", load_scene(DISC)
+    (run / "snapshots").mkdir(parents=True)
+    (run / "scene.toml").write_text(scene.text)
+    write_snapshot(
+        run / "snapshots/0000.h5",
+        scene,
+        0.0,
+        as_gas(pos, 0.1 / len(pos), np.ones(len(pos)), np.random.default_rng(3)),
+        None,
+    )
+
+    def residuals(*options):
+        assert surface_density.main([str(run), "-o", str(tmp_path / "out"), *options]) == 0
+        rows = list(csv.DictReader((tmp_path / "out/run-profiles.csv").read_text().splitlines()))
+        r, sigma = (np.array([float(row[name]) for row in rows]) for name in ("radius_au", "sigma_gas_g_cm2"))
+        shown = (r > 25) & (r < 85)
+        return (sigma * r)[shown] / (8.885e6 * 0.1 / (2 * np.pi * 1.6 * len(rings))) - 1
+
+    # exp(-2 pi^2 s^2) of twice the mean for s = 0.6 rings is 0.2%; n^(-1/2) falls from 1.1 to 2.1 au, s from 0.41: 3%.
+    assert np.abs(residuals()).max() < 0.08
+    assert np.abs(residuals("--smooth", "2 au")).max() < 0.01  # the mean of 1/r over 2 au at r = 25: 0.6%
+    assert np.abs(residuals("--rings", "200")).max() > 0.5
+    np.testing.assert_array_equal(residuals("--smooth", "3e8 km"), residuals("--smooth", str(3e8 / 149597870.7)))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [("0.001 au", "expected 0.02"), ("2 s", "a time; expected a length"), ("2 aus", "unknown unit")],
+)
+def test_surface_density_refuses_a_wrong_width(tmp_path, capsys, text, message):
+    run = make_run(tmp_path / "run", count=1)
+    assert surface_density.main([str(run), "-o", str(tmp_path / "out"), "--smooth", text]) == 2
+    said = capsys.readouterr().err
+    assert message in said and said.startswith("surface_density: --smooth") and said.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
 def test_surface_density_of_one_snapshot(tmp_path):
     run = make_run(tmp_path / "run", count=1)
     assert surface_density.main([str(run)]) == 0

@@ -62,6 +62,33 @@ def test_rings_of_a_quiet_start_are_not_seen():
     assert np.ptp(np.histogram(radius, np.linspace(1.25, 2.75, 91))[0]) > 100  # plain bins see them
 
 
+@pytest.mark.parametrize("apart", [0.0567, 0.043])
+def test_rings_that_beat_with_the_bins_are_not_seen(apart):
+    """Circles 3.4 and 2.6 bins apart, as in a disc of 10^4: in plain bins they are 3 and 4 apart by turns."""
+    circles = np.arange(1.0, 3.0, apart) + 0.5 * apart
+    radius = np.concatenate([np.full(round(2 * np.pi * r / apart), r) for r in circles])
+    smooth = bins.SmoothRings(radius, (0.0, 4.0), 2)
+    profile = (smooth.sum(np.ones(len(radius))) / smooth.measure)[75:165]
+    # As above: 1 in 2 pi r / apart is .5%; 13% and 19% if all of a particle is in one bin.
+    np.testing.assert_allclose(profile * apart**2, 1.0, rtol=0.02)
+
+
+@pytest.mark.parametrize("width", [0.031, 0.27])
+def test_a_given_width_is_that_of_a_thin_ring(width):
+    """A ring of dust seen through it: mean radius and spread, of the mass per radius; sums stay, at an edge too."""
+    radius = np.full(50, 2.17)
+    smooth = bins.SmoothRings(radius, (0.0, 4.0), 2, width=width)
+    seen = smooth.sum(np.full(50, 0.3))
+    assert seen.sum() == pytest.approx(15.0, rel=1e-12)
+    middle = 0.5 * (smooth.edges[1:] + smooth.edges[:-1])
+    sigma = seen / smooth.measure
+    assert middle @ sigma / sigma.sum() == pytest.approx(2.17, abs=0.002)  # a tenth of a bin
+    spread = (sigma @ (middle - 2.17) ** 2 / sigma.sum()) ** 0.5
+    assert spread == pytest.approx(width, rel=0.02)  # it is cut at 3.5 widths, 1%
+    edge = bins.SmoothRings(np.array([0.0, 3.99]), (0.0, 4.0), 2, width=width)
+    assert edge.sum(np.array([0.7, 1.9])).sum() == pytest.approx(2.6, rel=1e-12)
+
+
 def test_a_particle_on_a_line_is_as_wide_as_three_fifths_of_their_distance():
     """In one dimension that is one over their number density: what is seen of one among even ones, .13 apart."""
     place = 0.7 + 0.13 * (np.arange(40) + 0.5)

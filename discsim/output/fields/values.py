@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from discsim.output.bins import FINE_BINS, Bins, Rings, SmoothRings, polar_pixels, spaced_edges, square_pixels
+from discsim.output.bins import Bins, Rings, SmoothRings, polar_pixels, smooth_edges, square_pixels
 from discsim.output.fields.binned import BinnedFields, Optics
 from discsim.parts import EFFECTS, STARTS
 
@@ -43,17 +43,22 @@ def fields_in_rings(snap: Snapshot, edges: Array, optics: Optics | None = None) 
 
 
 def smooth_profile(
-    snap: Snapshot, ends: tuple[float, float], optics: Optics | None = None, log: bool = False
+    snap: Snapshot,
+    ends: tuple[float, float],
+    optics: Optics | None = None,
+    log: bool = False,
+    width: float | None = None,
 ) -> tuple[Array, BinnedFields]:
     """Return the edges of fine rings between the radii `ends`, or in 1D of bins in x, and smoothed fields in them.
 
-    The edges are equally spaced, with `log` in the logarithm.
+    The edges are equally spaced, with `log` in the logarithm. `width` is the standard deviation of the smoothing in
+    code units, by default that of `SmoothRings`.
     """
 
     def bins_of(p: SnapshotParticles) -> Bins:
-        return SmoothRings(p.radius if snap.dimensions == 2 else p.pos[:, 0], ends, snap.dimensions, log)
+        return SmoothRings(p.radius if snap.dimensions == 2 else p.pos[:, 0], ends, snap.dimensions, log, width)
 
-    return spaced_edges(*ends, FINE_BINS, log), BinnedFields(snap, bins_of, optics)
+    return smooth_edges(ends, log, width), BinnedFields(snap, bins_of, optics)
 
 
 def _bins_of(edges: Array, p: SnapshotParticles) -> Bins:
