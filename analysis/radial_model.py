@@ -27,18 +27,19 @@ from typing import Any
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from oneway_twoway import InputError, lengths, quantile_radii, ring, smoothed, snapshots
+from oneway_twoway import InputError, quantile_radii, snapshots
 from rich.console import Console
 from rich.table import Table
 
 from discsim import SceneError, load_scene
 from discsim.exact import nsh
-from discsim.output.results import positive_number
+from discsim.output.results import OptionError, length_in_code, positive_text, positive_texts
 from discsim.output.snapshot import SnapshotError
 from discsim.physics import profile, viscosity
 from discsim.physics.centre import kepler_omega
 from discsim.physics.laws import SceneLaw
 from discsim.scene import Scene
+from discsim.study.outcomes import smoothed
 
 Array = np.ndarray
 CELLS, COURANT, DIFFUSION = 260, 0.4, 0.2  # cells; shares of a cell that is crossed and of dr^2 / (3 nu) in a step
@@ -124,8 +125,13 @@ def row(
     """r10, r50, r90, shares within `radii`, and the place of the peak."""
     all_of_it = taken + mass.sum()
     within = [(taken + mass[radius < r].sum()) / all_of_it for r in radii]
-    peak = ring(edges, sigma, width / (edges[1] - edges[0]))[0]
-    return [*quantile_radii(radius, mass), *within, peak]
+    return [*quantile_radii(radius, mass), *within, peak_radius(edges, sigma, width)]
+
+
+def peak_radius(edges: Array, sigma: Array, width: float) -> float:
+    """Radius of the largest surface density, smoothed by a Gaussian of this standard deviation."""
+    k = int(smoothed(sigma, width / (edges[1] - edges[0])).argmax())
+    return float(0.5 * (edges[k] + edges[k + 1]))
 
 
 def compare(directories: list[Path], out: Path, radii: list[float], width: float, cells: int) -> Table:
@@ -170,15 +176,20 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument(
         "-o", "--output", type=Path, default=Path(), metavar="OUT", help="where to write; default: here"
     )
-    parser.add_argument("--within", type=lengths, default=[], metavar="R,...", help="radii whose shares are shown")
     parser.add_argument(
-        "--smooth", type=positive_number, default=0.1, metavar="W", help="standard deviation; default: 0.1"
+        "--within", type=positive_texts, default=[], metavar="R,...", help="radii whose shares are shown"
+    )
+    parser.add_argument(
+        "--smooth", type=positive_text, default="0.1", metavar="W", help="standard deviation; default: 0.1"
     )
     parser.add_argument("--cells", type=int, default=CELLS, help=f"of the model; default: {CELLS}")
     given = parser.parse_args(arguments)
     try:
-        table = compare(given.runs, given.output, given.within, given.smooth, given.cells)
-    except (InputError, SceneError, SnapshotError, OSError) as error:
+        units = load_scene(given.runs[0] / "scene.toml").units
+        within = [length_in_code(text, units, "--within") for text in given.within]
+        smooth = length_in_code(given.smooth, units, "--smooth")
+        table = compare(given.runs, given.output, within, smooth, given.cells)
+    except (InputError, OptionError, SceneError, SnapshotError, OSError) as error:
         print(f"radial_model: {error}", file=sys.stderr)
         return 2
     Console(width=200).print(table)

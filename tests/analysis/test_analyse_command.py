@@ -187,7 +187,8 @@ def test_two_runs_have_one_line_for_each_quantity(tmp_path, monkeypatch):
     # 0.3 (1.3 - 1) and 0.3 (1.3 - 0.75) / 0.75; the shares end between two of 3000 particles.
     assert [float(value) for value in within[2:4]] == pytest.approx([0.09, 0.22], abs=2e-4)
     quantities = ["r10", "r50", "r90", "M(<1.3)", "M(<1.7)", "peak at", "peak", "width", "contrast"]
-    rows = [name for name in table if not name.startswith(("Dust at", "─", "oneway_twoway"))]
+    quantities += ["smoothing", "lost", "noise", "h of the gas"]
+    rows = [name for name in table if not name.startswith(("Dust at", "─", "oneway_twoway", "no "))]
     assert rows == ["quantity", *quantities] and "oneway_twoway.csv" in done.stdout
     made = (tmp_path / "oneway_twoway.csv").read_bytes()
     done = discsim("oneway-twoway", kept, shrunk, "--within", "1.3,1.7", "--times", "-o", "again")
@@ -195,10 +196,64 @@ def test_two_runs_have_one_line_for_each_quantity(tmp_path, monkeypatch):
     assert (tmp_path / "again/oneway_twoway.csv").read_bytes() == made
 
 
+RING, SPREAD = 1.47, 0.03
+
+
+def ringed(kept, inner, seed):
+    """A disc with Sigma ~ 1/r from `inner` to 2 and a Gaussian ring of `kept` of 9000 particles."""
+    rng = np.random.default_rng(seed)
+    r = np.concatenate([rng.uniform(inner, 2.0, 9000 - kept), rng.normal(RING, SPREAD, kept)])
+    phi = rng.uniform(0, 2 * np.pi, len(r))
+    return np.stack([r * np.cos(phi), r * np.sin(phi)], axis=1)
+
+
+def test_the_height_of_a_ring_is_not_set_by_the_smoothing(tmp_path):
+    """Rings of 3000 and 4000 of 9000 particles, thinner than two rings of 80, 0.055: height, width and contrast."""
+    sizes = {"one": 3000, "two": 4000}
+    runs = [run_of(tmp_path / name, [ringed(n, 1.0, 5)] * 2) for name, n in sizes.items()]
+    done = discsim("oneway-twoway", *runs, "-o", tmp_path / "out")
+    assert done.exit_code == 0, done.output
+    table = lines_of(done.stdout)
+    # Particles per radius: those of the disc over 1, and n / (2 pi)^(1/2) / SPREAD of the ring.
+    per_radius = {name: (9000 - n, n / np.sqrt(2 * np.pi) / SPREAD) for name, n in sizes.items()}
+    for column, (disc, peak) in zip((2, 3), per_radius.values(), strict=True):
+        noise, lost = (float(table[name][column]) / 100 for name in ("noise", "lost"))
+        assert 0.02 < noise < 0.06 and 0.0 < lost < 0.1
+        expected = 0.3 / 9000 * (disc + peak) / (2 * np.pi * RING)
+        # The largest of a few values, each with this noise.
+        assert float(table["peak"][column]) == pytest.approx(expected * (1 - lost), rel=3 * noise)
+        assert float(table["peak at"][column]) == pytest.approx(RING, abs=SPREAD)
+        wide = 2.355 * np.hypot(SPREAD, float(table["smoothing"][column]))
+        assert float(table["width"][column]) == pytest.approx(wide, rel=0.15)
+        # The trough is the lowest of some 40 values, which for the disc alone have noise of 10%: 2.5 of that lower.
+        assert 0.9 < float(table["contrast"][column - 1]) * disc / (disc + peak) < 1.6
+    smoothing = table["smoothing"]
+    assert smoothing[1:4] == [smoothing[1]] * 3 and float(smoothing[1]) < 0.5 * SPREAD
+    washed = lines_of(discsim("oneway-twoway", *runs, "-o", tmp_path / "out", "--smooth", "0.055").stdout)
+    assert float(washed["lost"][2]) > 18 and float(washed["peak"][2]) < 0.75 * float(table["peak"][2])
+
+
+def test_no_width_at_an_edge_and_no_contrast_without_a_trough(tmp_path):
+    """The densest place of a disc with Sigma ~ 1/r is its inner edge; of a ring alone both sides fall to nothing."""
+    edge = run_of(tmp_path / "edge", [even(6000, 1.0, 2.0)])
+    alone = run_of(tmp_path / "alone", [ringed(9000, 1.0, 8)])
+    done = discsim("oneway-twoway", edge, alone, "-o", tmp_path / "out")
+    assert done.exit_code == 0, done.output
+    table = lines_of(done.stdout)
+    assert table["width"][:3] == ["code units", "-", "-"] and table["contrast"] == ["-", "-", "-"]
+    wide = 2.355 * np.hypot(SPREAD, float(table["smoothing"][3]))
+    assert float(table["width"][3]) == pytest.approx(wide, rel=0.05)  # the noise of 9000 particles is 2%
+    assert "no width (start of edge, edge): the peak is at a sharp edge of the dust" in done.stdout
+    assert "no contrast (start of edge, edge, alone): there is no trough with dust next to the peak" in done.stdout
+    assert "inf" not in done.stdout.split("oneway_twoway.csv")[0]
+
+
 def test_dust_of_several_populations_in_physical_units(planet, tmp_path):
     done = discsim("oneway-twoway", planet, planet, "-o", tmp_path / "out", "--within", "7.2")
     assert done.exit_code == 0, done.output
     table = lines_of(done.stdout)
+    other = discsim("oneway-twoway", planet, planet, "-o", tmp_path / "out", "--within", "7.2 au")
+    assert other.stdout == done.stdout  # a plain number is in au, not in code units of 2 au
     assert any(line.endswith(", all 2 populations together") for line in table)
     # Quantiles 0.1 and 0.9 of all dust are those of 0.2 and 0.8 of a ring: 0.84 standard deviations of 0.06 au.
     assert table["r10"][0] == "au" and float(table["r10"][1]) == pytest.approx(6.6 - 0.05, abs=0.01)
@@ -237,7 +292,12 @@ def test_clumps_and_modes_in_time(tmp_path):
         (["oneway-twoway", "dusty"], "dusty: only one run; expected two or more directories of runs to compare"),
         (["oneway-twoway", "dusty", "none"], "none: file not found"),
         (["oneway-twoway", "dusty", "gas"], "gas: no dust in two dimensions"),
-        (["oneway-twoway", "dusty", "dusty", "--smooth", "1e-9"], "--smooth 1e-09: expected at least"),
+        (["oneway-twoway", "dusty", "dusty", "--smooth", "1e-9"], "--smooth 1e-9: expected 0.0004387 to 2.193"),
+        (["oneway-twoway", "dusty", "dusty", "--smooth", "9 au"], '--smooth: "9 au" is not a finite number'),
+        (
+            ["oneway-twoway", "planet", "planet", "--within", "7 au,8 yr"],
+            '--within: "8 yr" is a time; expected a length',
+        ),
         (["oneway-twoway", "dusty", "planet"], "the runs have different units"),
     ],
 )
