@@ -10,20 +10,30 @@ and its largest value; with --times it prints all amplitudes for each snapshot.
 A clump is a peak of the surface density of the gas at the end, on a map with pixels of the size R, that exceeds the
 surface density at its radius at the start by the factor 10. Its members are the particles within 3 R. It is bound if
 "bound", |W| / (K + U), is above 1: the potential energy W of its members, softened by R, over their kinetic energy K
-about the centre of mass and their heat U. The script lists the clumps, and writes them into clumps.csv in OUT or DIR,
-in code units.
+about the centre of mass and their heat U. R is a length like "1.5 au", by default the softening of the self-gravity,
+without it one code unit; a plain number is in au, for runs in code units in code units. The script lists the clumps,
+and writes them into clumps.csv in OUT or DIR, with units in the heads of columns.
 """
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from scipy.ndimage import maximum_filter
 
-from discsim.output.results import display_unit, positive_number, print_fault, print_table, script_parser, write_table
+from discsim.output.fields.frame import in_code
+from discsim.output.results import (
+    display_unit,
+    length_in_code,
+    positive_text,
+    print_fault,
+    print_table,
+    script_parser,
+    with_unit,
+    write_table,
+)
 from discsim.output.snapshot import Snapshot, SnapshotParticles, read_snapshot, snapshot_files
 from discsim.printable import UserError
 
@@ -59,8 +69,10 @@ def clumps(snap: Snapshot, first: Snapshot, size: float) -> list[dict[str, float
     """
     reach = float(np.quantile(first.gas.radius, 0.999)) * 1.3
     if not MIN_PIXELS <= 2 * reach / size <= MAX_PIXELS:
-        low, high = (2 * reach / pixels for pixels in (MAX_PIXELS, MIN_PIXELS))
-        raise InputError(f"--size {size:g}: expected the radius of a clump, {low:.3g} to {high:.3g} in code units")
+        low, high, own = (
+            snap.units.show(length, "length") for length in (2 * reach / MAX_PIXELS, 2 * reach / MIN_PIXELS, size)
+        )
+        raise InputError(f"--size {own}: expected the radius of a clump, {low} to {high}")
     pixels = int(np.ceil(2 * reach / size))
     corner = np.full(2, -reach), np.full(2, reach)
     sigma = snap.gas.surface_density_map(*corner, pixels)
@@ -136,24 +148,38 @@ def show_modes(run: list[Snapshot], found: np.ndarray, is_in_time: bool) -> None
         for m, series in zip(MODES, found[:, k].T, strict=True)
     ]
     head = ["amplitude", "start", "end", "largest", f"at time [{unit}]"]
-    print_table(f"Amplitudes of modes, time {times[0]:.4g} to {times[-1]:.4g} {unit}", head, rows)
+    span = f"{times[0]:.4g} to {times[-1]:.4g} {unit}"
+    print_table(f"Amplitudes of modes, |sum m exp(i m phi)| / sum m in the ring with the largest, {span}", head, rows)
 
 
-def show_clumps(last: Snapshot, found: list[dict[str, float]]) -> None:
-    """Print one line for each clump, with units."""
-    (length, au), (mass, earth), (time, yr) = (
-        display_unit(last.units, *each) for each in (("length", "au"), ("mass", "Mearth"), ("time", "yr"))
-    )
+def default_size(snap: Snapshot) -> float:
+    """Return the softening of the self-gravity in code units; 1 without one."""
+    softening = snap.tables.get("self_gravity", {}).get("softening", 1.0)
+    return in_code(snap.units, softening, "length") or 1.0
+
+
+def table_of(last: Snapshot, found: list[dict[str, float]]) -> tuple[list[tuple[str, str]], list[list[float]]]:
+    """Return names and units of the columns, and one row for each clump."""
+    (length, au), (mass, earth) = (display_unit(last.units, *each) for each in (("length", "au"), ("mass", "Mearth")))
     factors = (length, length, 1.0, mass, mass, 1.0, 1.0)
-    rows: list[Sequence[object]] = [
-        [factor * clump[name] for factor, name in zip(factors, COLUMNS, strict=True)] for clump in found
-    ]
+    units = (au, au, "", earth, earth, "", "")
+    rows = [[factor * clump[name] for factor, name in zip(factors, COLUMNS, strict=True)] for clump in found]
+    return list(zip(COLUMNS, units, strict=True)), rows
+
+
+def show_clumps(last: Snapshot, found: list[dict[str, float]], size: float) -> None:
+    """Print one line for each clump, with units."""
+    time, yr = display_unit(last.units, "time", "yr")
+    columns, rows = table_of(last, found)
     title = f"{len(found)} clump{'s' * (len(found) != 1)} at {time * last.time:.4g} {yr}"
-    head = [f"x [{au}]", f"y [{au}]", "Sigma over start", f"gas [{earth}]", f"dust [{earth}]", "dust / gas", "bound"]
-    if found:
-        print_table(title, head, rows)
-    else:
-        print(title)
+    title += f", with R = {last.units.show(size, 'length')}"
+    names = {"over": "Sigma over start", "ratio": "dust / gas", "bound": "|W| / (K + U)"}
+    if not found:
+        print(f"{title}: no peak of the gas exceeds {THRESHOLD:g} times its surface density at the start")
+        return
+    print_table(title, [f"{names.get(name, name)} [{unit}]" if unit else names[name] for name, unit in columns], rows)
+    bound = sum(clump["bound"] > 1.0 for clump in found)
+    print(f"{bound} of {len(found)} are bound: |W| / (K + U) is above 1. Masses are those within 3 R")
 
 
 def main(arguments: list[str] | None = None, prog: str | None = None) -> int:
@@ -163,10 +189,9 @@ def main(arguments: list[str] | None = None, prog: str | None = None) -> int:
     parser.add_argument("-o", "--output", type=Path, metavar="OUT", help="directory of clumps.csv (default DIR)")
     parser.add_argument(
         "--size",
-        type=positive_number,
-        default=1.0,
+        type=positive_text,
         metavar="R",
-        help="radius in code units, like the softening (default 1)",
+        help='radius of a clump, like "1.5 au" (default: the softening of the self-gravity)',
     )
     parser.add_argument("--times", action="store_true", help="print the amplitudes of each snapshot")
     given = parser.parse_args(arguments)
@@ -175,12 +200,14 @@ def main(arguments: list[str] | None = None, prog: str | None = None) -> int:
         run = read(given.directory)
         edges = np.quantile(run[0].gas.radius, np.linspace(0.02, 0.98, RINGS + 1))
         modes = np.array([[amplitudes(p.pos, p.mass, edges) for p in snap.species.values()] for snap in run])
-        found = clumps(run[-1], run[0], given.size)
-        write_table(into, COLUMNS, (clump.values() for clump in found))
+        size = default_size(run[-1]) if given.size is None else length_in_code(given.size, run[-1].units, "--size")
+        found = clumps(run[-1], run[0], size)
+        columns, rows = table_of(run[-1], found)
+        write_table(into, [with_unit(*column) for column in columns], rows)
     except (UserError, OSError) as error:
         return print_fault("clumps", error)
     show_modes(run, modes, given.times)
-    show_clumps(run[-1], found)
+    show_clumps(run[-1], found, size)
     print(into)
     return 0
 

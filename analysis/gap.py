@@ -1,12 +1,13 @@
 """Measure the gap that a companion opens: its depth in the gas, and where the dust gathers.
 
-    discsim analyse gap DIR [-o OUT] [--last ORBITS] [--over DIR]
+    discsim analyse gap DIR [-o OUT] [--last TIME] [--over DIR]
     python analysis/gap.py ...                                       the same, from a copy of this script
 
 DIR is the directory of a run with one companion and [alpha_viscosity]. The script prints the quantities below, and
-writes two files into OUT or the present directory. NAME-gap.png shows Sigma over that of the first snapshot, for the
-gas and each dust population, and the pressure; NAME-gap.csv has these profiles in code units, in columns like
-dust.0 or dust.NAME of a population.
+writes two files into OUT or the present directory. NAME-gap.png shows Sigma over Sigma_0 of the gas and each dust
+population, the pressure, and the edges of the gap; NAME-gap.csv has these profiles, in columns like dust.0 or dust.NAME
+of a population, with units in the heads of columns. --last is a number of orbits of the companion, or a time like
+"500 yr".
 
 Sigma_0 is the surface density in the first snapshot. With --over DIR it is that of another run at the same time: of
 the same disc without a companion, which spreads at its edges as the disc in DIR does.
@@ -20,7 +21,8 @@ the same disc without a companion, which spreads at its edges as the disc in DIR
     edges     radii at which Sigma = Sigma_0 / 2, inside and outside the orbit; their distance over a, and the formula
               0.41 q^(1/2) (H/r)^(-3/4) alpha^(-1/4) (Kanagawa et al. 2016, PASJ 68, 43)
     radii     outside the orbit: of the largest surface density of each dust population, and of the largest pressure
-    history   depth in the gas for each span of ORBITS, which shows whether it is steady
+    history   depth in the gas for each span of --last, which shows whether it is steady. The formulas are for a steady
+              gap: a run that is shorter than a gap needs to open is shallower
 """
 
 from __future__ import annotations
@@ -37,10 +39,20 @@ from matplotlib.figure import Figure
 from discsim import open_run
 from discsim.formulas.companions import gap_width, hill_radius
 from discsim.output.companions import read_companions
-from discsim.output.drawing import figure_text
-from discsim.output.gaps import HILLS, START_WIDTH, gap_edges, ring_density, ring_edges, smoothed, within_disc
+from discsim.output.drawing import COLOURS, figure_text, population_style, set_log_ticks
+from discsim.output.gaps import AT_EDGE, HILLS, START_WIDTH, gap_edges, ring_density, ring_edges, smoothed, within_disc
 from discsim.output.populations import populations_of
-from discsim.output.results import display_unit, positive_number, print_fault, print_table, script_parser, write_table
+from discsim.output.results import (
+    CODE_UNITS,
+    display_unit,
+    orbits_of,
+    positive_text,
+    print_fault,
+    print_table,
+    script_parser,
+    with_unit,
+    write_table,
+)
 from discsim.output.snapshot import Snapshot, read_snapshot, snapshot_files
 from discsim.output.sources import times_and_units
 from discsim.physics.centre import kepler_omega
@@ -77,13 +89,13 @@ def companion_at(directory: Path, times: list[float]) -> tuple[np.ndarray, float
 class Gap:
     """Profiles of a run, means over its last orbits, in units of the first snapshot's."""
 
-    def __init__(self, directory: Path, orbits: float, over: Path | None = None) -> None:
+    def __init__(self, directory: Path, last: str | float, over: Path | None = None) -> None:
         run = open_run(directory)
         self.scene, files = run.scene, run.files
-        self.first, last = read(files[0]), read(files[-1])
+        self.first, end = read(files[0]), read(files[-1])
         self._refuse_other_runs(directory, len(files))
         times, self.units = times_and_units(files)
-        _, self.mass, self.axis = companion_at(directory, [last.time])
+        _, self.mass, self.axis = companion_at(directory, [end.time])
         self.ratio = self.mass / self.scene.star.mass
         period = 2 * np.pi * np.sqrt(self.axis**3 / (self.scene.star.mass + self.mass))
         self.hill = hill_radius(self.axis, self.ratio)
@@ -91,7 +103,7 @@ class Gap:
         self.radius = np.sqrt(self.edges[1:] * self.edges[:-1])
         wide = max(self.aspect_ratio * self.axis, HILLS * self.hill)
         self.near = np.abs(self.radius - self.axis) < wide  # rings of the gap
-        self.kinds = self._kinds(last)
+        self.kinds = self._kinds(end)
         self.orbits = np.array(times) / period
         self.each = self._profiles(directory, files, self.orbits * period)
         start = within_disc(smoothed(self.each["gas"][0], START_WIDTH))
@@ -99,8 +111,8 @@ class Gap:
             raise InputError(
                 f"{directory}: no gas at the orbit of the companion at the start; expected a gap in a disc"
             )
-        self.span = orbits
-        self.profiles = {name: self.mean(name, self.orbits[-1] - orbits) for name in self.each}
+        self.span = orbits_of(last, period, self.scene, "--last")
+        self.profiles = {name: self.mean(name, self.orbits[-1] - self.span) for name in self.each}
         self.over = None if over is None else self._alone(over, period)
 
     def _refuse_other_runs(self, directory: Path, snapshots: int) -> None:
@@ -219,9 +231,9 @@ class Gap:
 
     @property
     def pressure(self) -> np.ndarray:
-        """Sigma c_s^2 (rings,) of locally isothermal gas."""
-        heights = scale_height(self.scene, self.radius)
-        return self.profiles["gas"] * heights**2 / self.radius**3
+        """Sigma c_s^2 (rings,) of locally isothermal gas, with c_s = H Omega."""
+        sound = scale_height(self.scene, self.radius) * kepler_omega(self.scene, self.radius)
+        return self.profiles["gas"] * sound**2
 
     def summit(self, values: np.ndarray) -> float:
         """Return the radius of the highest maximum of `values` (rings,) outside the orbit; NaN without a maximum."""
@@ -244,29 +256,69 @@ def labels(gap: Gap) -> list[str]:
 
 def draw(gap: Gap) -> Figure:
     """Return the figure of the profiles."""
-    figure = Figure(figsize=(7, 4.5), layout="constrained")
+    factor, unit = display_unit(gap.units, "length", "au")
+    figure = Figure(figsize=(7, 5.4), layout="constrained")
     axes = figure.subplots()
-    for name, label in zip(gap.profiles, labels(gap), strict=True):
-        axes.plot(gap.radius / gap.axis, gap.left(name), label=figure_text(label))
-    pressure = gap.pressure
-    axes.plot(gap.radius / gap.axis, pressure / pressure.max(), "k:", label="pressure over its maximum")
-    axes.axhline(gap.theory, color="grey", lw=0.8, label="depth by Kanagawa et al. (2015)")
-    axes.set(xlabel="r / a", ylabel=r"$\Sigma / \Sigma_0$", yscale="log", ylim=(1e-3, None))
-    axes.set_title(
-        f"q = {gap.ratio:.3g}, H/r = {gap.aspect_ratio:.3g}, alpha = {gap.alpha:.3g}, {gap.orbits[-1]:.0f} orbits"
+    radius, pressure = factor * gap.radius, gap.pressure
+    styles = [{"color": COLOURS["gas"]}, *(population_style(k) for k in range(len(gap.profiles) - 1))]
+    for name, label, style in zip(gap.profiles, labels(gap), styles, strict=True):
+        axes.plot(radius, gap.left(name), label=figure_text(label), lw=2, **style)
+    axes.plot(radius, pressure / pressure.max(), "k:", label="pressure over its maximum")
+    axes.axhline(gap.theory, color="grey", lw=1, ls="--", label="depth of a steady gap, Kanagawa et al. (2015)")
+    edges = [factor * edge for edge in gap.gap if not np.isnan(edge)]
+    for k, edge in enumerate(edges):
+        axes.axvline(edge, color="0.5", lw=1, label="_" if k else r"edges of the gap, $\Sigma = \Sigma_0 / 2$")
+    axes.axvline(factor * gap.axis, color="black", lw=1, ls="-.", label="orbit of the companion")
+    values = np.concatenate([gap.left(name) for name in gap.profiles])
+    seen = values[np.isfinite(values) & (values > 0.0)]
+    low = max(1e-3, 0.7 * min(float(seen.min()), gap.theory))
+    axes.set(xlabel="r" if unit == CODE_UNITS else f"r [{unit}]", ylabel=r"$\Sigma / \Sigma_0$", yscale="log")
+    axes.set(xlim=(radius[0], radius[-1]), ylim=(low, 1.5 * float(seen.max())))
+    set_log_ticks(axes.yaxis, *axes.get_ylim())
+    scale = factor * gap.axis
+    over = axes.secondary_xaxis("top", functions=(lambda r: r / scale, lambda r: r * scale))
+    over.set_xlabel("r / a")
+    first = max(gap.orbits[-1] - gap.span, 0.0)
+    figure.suptitle(
+        f"Mean of orbits {first:.4g} to {gap.orbits[-1]:.4g}: q = {gap.ratio:.3g}, H/r = {gap.aspect_ratio:.3g}, "
+        f"alpha = {gap.alpha:.3g}",
+        fontsize="medium",
     )
-    axes.legend(frameon=False)
+    figure.legend(loc="outside lower center", ncols=2, frameon=False, fontsize="small")
     return figure
 
 
 def write(gap: Gap, into: Path, name: str) -> list[Path]:
     """Write the profiles and the figure, and return their paths."""
     table, picture = into / f"{name}-gap.csv", into / f"{name}-gap.png"
-    head = ["radius", *gap.profiles, *(f"{kind} over start" for kind in gap.profiles), "pressure"]
-    columns = [gap.radius, *gap.profiles.values(), *map(gap.left, gap.profiles), gap.pressure]
-    write_table(table, head, zip(*columns, strict=True))
-    save(partial(draw, gap), picture)
+    (length, au), (density, g_cm2), (pressure, g_s2) = (
+        display_unit(gap.units, *each)
+        for each in (("length", "au"), ("surface_density", "g/cm2"), ("pressure", "g/s2"))
+    )
+    heads = [("radius", au), *((kind, g_cm2) for kind in gap.profiles)]
+    heads += [*((f"{kind} over start", "") for kind in gap.profiles), ("pressure", g_s2)]
+    columns = [length * gap.radius, *(density * values for values in gap.profiles.values())]
+    columns += [*map(gap.left, gap.profiles), pressure * gap.pressure]
+    write_table(table, [with_unit(*head) for head in heads], zip(*columns, strict=True))
+    save(partial(draw, gap), picture, dpi=150)
     return [table, picture]
+
+
+def missing_edges(gap: Gap) -> list[str]:
+    """Return a line for each edge that there is not, with the reason."""
+    factor, unit = display_unit(gap.units, "length", "au")
+    left, edges = gap.left("gas"), dict(zip(("inner", "outer"), gap.gap, strict=True))
+    if not (left[np.abs(gap.radius - gap.axis) < HILLS * gap.hill] < AT_EDGE).any():
+        return [f"no edges: Sigma stays above half of Sigma_0, with {gap.depth('gas'):.3g} as the smallest value"]
+    lines = []
+    known = gap.radius[np.isfinite(left)]
+    for side, end in (("inner", known[0]), ("outer", known[-1])):
+        if np.isnan(edges[side]):
+            reach = f"{factor * end:.3g} {unit}".removesuffix(f" {CODE_UNITS}")
+            lines.append(
+                f"no {side} edge: Sigma stays below half of Sigma_0 to r = {reach}, the end of the disc or profile"
+            )
+    return lines
 
 
 def show(gap: Gap, name: str) -> None:
@@ -297,9 +349,19 @@ def show(gap: Gap, name: str) -> None:
     title = f"{name}: {planet}, H/r = {gap.aspect_ratio:.3g}, alpha = {gap.alpha:.3g}"
     orbits = f"mean of orbits {first:.4g} to {gap.orbits[-1]:.4g}"
     print_table(f"{title}\n{orbits}", ["quantity", "unit", *labels(gap)], rows)
+    print("\n".join([*missing_edges(gap), steadiness(gap)]))
     history = ", ".join(f"{depth:.3g} to orbit {end:.0f}" for end, depth in gap.history())
     if history:
         print(f"depth of the gas: {history}")
+
+
+def steadiness(gap: Gap) -> str:
+    """Return a line with the orbits that were run, and the viscous time over the width of the gap, for the formulas."""
+    width = gap_width(gap.ratio, gap.aspect_ratio, gap.alpha) * gap.axis
+    nu = gap.alpha * gap.aspect_ratio**2  # in units of a^2 Omega
+    viscous = (0.5 * width / gap.axis) ** 2 / nu / (2.0 * np.pi)
+    run = f"the formulas are for a steady gap; this run has {gap.orbits[-1]:.4g} orbits"
+    return f"{run}, and viscosity spreads over half of the width of the gap in {float(f'{viscous:.2g}'):g} orbits"
 
 
 def main(arguments: list[str] | None = None, prog: str | None = None) -> int:
@@ -308,7 +370,11 @@ def main(arguments: list[str] | None = None, prog: str | None = None) -> int:
     parser.add_argument("directory", type=Path, metavar="DIR", help="directory of a run")
     parser.add_argument("-o", "--output", type=Path, default=Path(), metavar="OUT", help="directory of the files")
     parser.add_argument(
-        "--last", type=positive_number, default=10.0, metavar="ORBITS", help="orbits of the mean (default 10)"
+        "--last",
+        type=positive_text,
+        default="10 orbits",
+        metavar="TIME",
+        help='time of the mean, like "3 orbits" of the companion, 3 or "500 yr" (default "10 orbits")',
     )
     parser.add_argument("--over", type=Path, metavar="DIR", help="a run without companion, for Sigma_0")
     given = parser.parse_args(arguments)

@@ -52,6 +52,7 @@ from discsim.output.results import (
     print_fault,
     print_table,
     script_parser,
+    with_unit,
     write_table,
 )
 from discsim.output.snapshot import Snapshot, read_snapshot, snapshot_files
@@ -300,7 +301,7 @@ def compare(directories: list[Path], out: Path, within: list[str], smooth: str |
     made = Comparison(names, columns, found, len(populations_of(one[0].tables)))
     lines = ((name, *(f"{v:.5g}" for v in row)) for rows in zip(*found, strict=True)
              for name, row in zip(names, rows, strict=True))  # fmt: skip
-    write_table(out / "oneway_twoway.csv", ["run", *headings(columns)], lines)
+    write_table(out / "oneway_twoway.csv", ["run", *(with_unit(*column) for column in columns)], lines)
     edges = profile(one[0], ends, given)[0]
     profiles = [density * np.array([profile(snap, ends, given)[1] for snap in run]) for run in runs]
     labels = ["r", "t", r"$\Sigma_d$"] if au == CODE_UNITS else ["r [au]", "t [yr]", r"$\Sigma_d$ [g cm$^{-2}$]"]
@@ -308,11 +309,6 @@ def compare(directories: list[Path], out: Path, within: list[str], smooth: str |
     times = time * np.array([snap.time for snap in one])
     save(partial(draw, names, times, length * edges, profiles, found, labels), out / "oneway_twoway.png")
     return made
-
-
-def headings(columns: list[tuple[str, str]]) -> list[str]:
-    """Return the heads of columns: names, with units unless these are code units."""
-    return [f"{name} [{unit}]" if unit not in ("", CODE_UNITS) else name for name, unit in columns]
 
 
 def show(made: Comparison) -> None:
@@ -336,7 +332,7 @@ def show(made: Comparison) -> None:
 
 
 def show_reasons(shown: dict[str, np.ndarray]) -> None:
-    """Print why a width or a contrast is missing in a column of the table; `shown` are the quantities of the columns."""
+    """Print why a width or a contrast is missing in a column of the table; `shown` has the quantities of columns."""
     peaks = {name: Peak(*row[PEAK:]) for name, row in shown.items()}
     for quantity, reason in (
         ("width", "the peak is at a sharp edge of the dust, or is not resolved by the smoothing"),
@@ -352,7 +348,7 @@ def show_times(made: Comparison) -> None:
     rows: list[list[object]] = []
     for lines in zip(*made.rows, strict=True):
         rows += [[name, *map(float, line)] for name, line in zip(made.names, lines, strict=True)]
-    print_table("Dust in time", ["run", *headings(made.columns)], rows)
+    print_table("Dust in time", ["run", *(with_unit(*column) for column in made.columns)], rows)
 
 
 def main(arguments: list[str] | None = None, prog: str | None = None) -> int:

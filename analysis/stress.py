@@ -1,6 +1,6 @@
 """Measure the stress of a self-gravitating disc in units of its pressure: the alpha of turbulence and of spiral arms.
 
-    discsim analyse stress DIR [-o OUT] [--inner R] [--outer R] [--orbits N] [--times]
+    discsim analyse stress DIR [-o OUT] [--inner R] [--outer R] [--orbits TIME] [--times]
     python analysis/stress.py ...                                 the same, from a copy of this script
 
 DIR is the directory of a run with [self_gravity]. In rings of each snapshot, relative to the mean velocities of the
@@ -10,13 +10,16 @@ ring and with the adiabatic sound speed:
     gravity     T = -(torque of the gravity of the disc on the gas within r) / (2 pi r^2)
 
 alpha = sum T A / (3/2 sum Sigma c_s^2 A) over the areas A of the rings between two radii (default: those that contain
-the middle three fifths of the gas at the start), and over the snapshots of the last N orbits at the radius between the
-two (default 20). The error is the scatter of four parts of that time. In a disc that heats itself as fast as it cools
+the middle three fifths of the gas at the start), and over the snapshots of the last orbits at the radius between the
+two (--orbits, default 20). The error is the scatter of four parts of that time. In a disc that heats itself as fast as
+it cools
 
     alpha = 4 / (9 gamma (gamma - 1) beta)                                  (Gammie 2001, ApJ 553, 174, eq. 20)
 
 times the fraction of u above the energy to which the gas cools. The script prints the means, with --times also alpha
-for each snapshot. It writes stress.csv (by radius and time, in code units) and stress.png into OUT or DIR.
+for each snapshot. It writes stress.csv (by radius and time, with units in the heads of columns) and stress.png into OUT
+or DIR. Radii are lengths like "30 au"; a plain number is in au, for runs in code units in code units. --orbits is a
+number of these orbits, or a time like "500 yr".
 """
 
 from __future__ import annotations
@@ -30,7 +33,17 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from discsim import Simulation, open_run
-from discsim.output.results import display_unit, positive_number, print_fault, print_table, script_parser, write_table
+from discsim.output.results import (
+    display_unit,
+    length_in_code,
+    orbits_of,
+    positive_text,
+    print_fault,
+    print_table,
+    script_parser,
+    with_unit,
+    write_table,
+)
 from discsim.output.run import Run
 from discsim.output.snapshot import Snapshot
 from discsim.physics.centre import kepler_omega
@@ -38,6 +51,7 @@ from discsim.physics.cooling import target_energy
 from discsim.plot.request import save
 from discsim.printable import UserError
 from discsim.scene import Scene
+from discsim.scene.units import Units
 
 RINGS = 24
 BLOCKS = 4
@@ -119,22 +133,31 @@ def expected(scene: Scene) -> float | None:
     return 4.0 / (9.0 * gamma * (gamma - 1.0) * scene.cooling.beta)
 
 
-def figure(found: list[Rings], edges: np.ndarray, wanted: float | None) -> Figure:
+def figure(found: list[Rings], edges: np.ndarray, wanted: float | None, units: Units) -> Figure:
     """Return the figure of alpha in time and in radius."""
+    (time, yr), (length, au) = (display_unit(units, *each) for each in (("time", "yr"), ("length", "au")))
     drawn = Figure(figsize=(11, 4.2), layout="constrained")
     in_time, in_radius = drawn.subplots(1, 2)
-    by_time = np.array([alphas([each], edges) for each in found])
+    by_time, times = np.array([alphas([each], edges) for each in found]), [time * each.time for each in found]
     middle = 0.5 * (edges[1:] + edges[:-1])
     pressure = 1.5 * np.mean([each.pressure for each in found], axis=0)
     for k, kind in enumerate(("reynolds", "gravity")):
-        in_time.plot([each.time for each in found], by_time[:, k], label=kind)
-        in_radius.plot(middle, np.mean([getattr(each, kind) for each in found], axis=0) / pressure, label=kind)
-    in_time.plot([each.time for each in found], by_time.sum(axis=1), color="black", label="sum")
-    for axes, name in ((in_time, "time"), (in_radius, "radius")):
+        in_time.plot(times, by_time[:, k], label=kind)
+        in_radius.plot(length * middle, np.mean([getattr(each, kind) for each in found], axis=0) / pressure, label=kind)
+    in_time.plot(times, by_time.sum(axis=1), color="black", label="sum")
+    total = np.mean([each.reynolds + each.gravity for each in found], axis=0) / pressure
+    in_radius.plot(length * middle, total, color="black", label="sum")
+    in_time.set_title(f"mean over r = {length * edges[0]:.3g} to {length * edges[-1]:.3g} {au}")
+    in_radius.set_title(f"mean over t = {times[0]:.4g} to {times[-1]:.4g} {yr}")
+    for axes, name, unit in ((in_time, "t", yr), (in_radius, "r", au)):
         if wanted is not None:
-            axes.axhline(wanted, color="black", linestyle=":", label=r"$4 / (9 \gamma (\gamma - 1) \beta)$")
-        axes.set(xlabel=f"{name} [code units]", ylabel=r"$\alpha$")
-        axes.legend(frameon=False)
+            axes.axhline(
+                wanted, color="black", linestyle=":", label=r"thermal balance, $4 / (9 \gamma (\gamma - 1) \beta)$"
+            )
+        axes.set(xlabel=f"{name} [{unit}]", ylabel=r"$\alpha$")
+        axes.margins(x=0.0)
+    handles, texts = in_time.get_legend_handles_labels()
+    drawn.legend(handles, texts, loc="outside lower center", ncols=len(texts), frameon=False)
     return drawn
 
 
@@ -148,26 +171,36 @@ def open_disc(directory: Path) -> Run:
     return run
 
 
-def edges_of(first: Snapshot, inner: float | None, outer: float | None) -> np.ndarray:
+def edges_of(first: Snapshot, inner: str | None, outer: str | None) -> np.ndarray:
     """Return the edges (RINGS + 1,) of the rings. Raises InputError if there is no gas between the two radii."""
-    radius = first.gas.radius
-    usual = np.quantile(radius, (0.2, 0.8))
-    low, high = (usual[k] if given is None else given for k, given in enumerate((inner, outer)))
+    radius, units = first.gas.radius, first.units
+    usual, given = np.quantile(radius, (0.2, 0.8)), {"--inner": inner, "--outer": outer}
+    low, high = (
+        float(usual[k]) if text is None else length_in_code(text, units, name)
+        for k, (name, text) in enumerate(given.items())
+    )
+    shown = " to ".join(units.show(r, "length") for r in (low, high))
     if not 0.0 < low < high < np.inf:
-        raise InputError(f"--inner, --outer: radii from {low:g} to {high:g}; expected 0 < inner < outer, in code units")
+        raise InputError(f"--inner, --outer: radii from {shown}; expected 0 < inner < outer")
     if not ((radius > low) & (radius < high)).any():
-        limits = f"{radius.min():.3g} to {radius.max():.3g}"
-        raise InputError(f"--inner, --outer: no gas from {low:g} to {high:g}; expected radii within {limits}")
+        limits = " to ".join(units.show(float(r), "length") for r in (radius.min(), radius.max()))
+        raise InputError(f"--inner, --outer: no gas from {shown}; expected radii within {limits}")
     return np.linspace(low, high, RINGS + 1)
 
 
-def write(into: Path, found: list[Rings], edges: np.ndarray, balance: float | None) -> list[Path]:
+def write(into: Path, found: list[Rings], edges: np.ndarray, balance: float | None, units: Units) -> list[Path]:
     """Write the table by radius and time and the figure, and return their paths."""
     middle = 0.5 * (edges[1:] + edges[:-1])
-    rows = ([each.time, r, *values] for each in found for r, *values in zip(middle, *each[1:], strict=True))
+    (time, yr), (length, au), (density, g_cm2), (pressure, g_s2) = (
+        display_unit(units, *each)
+        for each in (("time", "yr"), ("length", "au"), ("surface_density", "g/cm2"), ("pressure", "g/s2"))
+    )
+    factors = np.array([time, length, density, *[pressure] * 3, 1.0])
+    heads = [with_unit(*head) for head in zip(COLUMNS, (yr, au, g_cm2, *[g_s2] * 3, ""), strict=True)]
+    rows = (factors * [each.time, r, *values] for each in found for r, *values in zip(middle, *each[1:], strict=True))
     paths = [into / "stress.csv", into / "stress.png"]
-    write_table(paths[0], COLUMNS, rows)
-    save(partial(figure, found, edges, balance), paths[1])
+    write_table(paths[0], heads, rows)
+    save(partial(figure, found, edges, balance, units), paths[1])
     return paths
 
 
@@ -207,10 +240,14 @@ def main(arguments: list[str] | None = None, prog: str | None = None) -> int:
     parser = script_parser(__doc__, prog, __file__)
     parser.add_argument("directory", type=Path, metavar="DIR", help="directory of a run")
     parser.add_argument("-o", "--output", type=Path, metavar="OUT", help="directory of the files (default DIR)")
-    parser.add_argument("--inner", type=positive_number, metavar="R", help="inner radius in code units")
-    parser.add_argument("--outer", type=positive_number, metavar="R", help="outer radius in code units")
+    parser.add_argument("--inner", type=positive_text, metavar="R", help='inner radius, like "30 au"')
+    parser.add_argument("--outer", type=positive_text, metavar="R", help='outer radius, like "50 au"')
     parser.add_argument(
-        "--orbits", type=positive_number, default=20.0, metavar="N", help="orbits of the mean (default 20)"
+        "--orbits",
+        type=positive_text,
+        default="20 orbits",
+        metavar="TIME",
+        help='time of the mean, like "20 orbits" between the radii, 20 or "500 yr" (default "20 orbits")',
     )
     parser.add_argument("--times", action="store_true", help="print alpha for each snapshot too")
     given = parser.parse_args(arguments)
@@ -218,13 +255,16 @@ def main(arguments: list[str] | None = None, prog: str | None = None) -> int:
         run = open_disc(given.directory)
         last, edges = run[-1], edges_of(run[0], given.inner, given.outer)
         orbit, balance = 2.0 * np.pi / float(kepler_omega(run.scene, 0.5 * (edges[0] + edges[-1]))), expected(run.scene)
-        found = [rings_of(snap, edges) for snap in run if snap.time > last.time - given.orbits * orbit]
-        written = write(given.output or given.directory, found, edges, balance)
+        start = last.time - orbit * orbits_of(given.orbits, orbit, run.scene, "--orbits")
+        found = [rings_of(snap, edges) for snap in run if snap.time > start]
+        written = write(given.output or given.directory, found, edges, balance, last.units)
     except (UserError, OSError) as error:
         return print_fault("stress", error)
     if given.times:
         show_times(last, found, edges)
     show(last, found, edges, balance, orbit)
+    if start < run[0].time:
+        print("the mean includes the start, as the run is shorter than --orbits; a shorter time leaves the start out")
     print("\n".join(str(path) for path in written))
     return 0
 

@@ -1,6 +1,6 @@
 """Measure the torque of the disc on a companion, with its error, and compare it with linear theory.
 
-    discsim analyse torque DIR... [--from ORBITS]
+    discsim analyse torque DIR... [--from TIME]
     python analysis/torque.py ...                    the same, from a copy of this script
 
 Each DIR is the directory of a run with one companion on a circular orbit in isothermal or locally isothermal gas.
@@ -8,7 +8,7 @@ Further companions of less than a thousandth of its mass are probes. The torque 
 companion, is what particle noise alone causes (setups/planet_torque.toml has seven). The script prints for each run,
 in units of Gamma_0 = (q r / H)^2 Sigma_0 r^4 Omega^2:
 
-    torque    mean torque by the gas from the orbit --from on
+    torque    mean torque by the gas over whole orbits after the time --from; a negative one moves the companion inwards
     error     of this mean: from the scatter of the means over single orbits, and from the scatter between probes
     rows      scatter of single rows of companions.csv
     theory    Paardekooper et al. (2010, MNRAS 401, 1950), eqs. 14, 17: Lindblad torque and corotation torque in locally
@@ -16,13 +16,15 @@ in units of Gamma_0 = (q r / H)^2 Sigma_0 r^4 Omega^2:
               -(2.5 + 1.7 q_T - 0.1 p) s^0.71 + C + 2.2 q_T s^0.71 - 1.4 q_T s^1.26
               unsaturated horseshoe drag: C = 1.1 (1.5 - p) s, for s = 1 eq. 49, -(0.85 + p + 0.9 q_T);
               linear corotation torque, of the first orbits: C = 0.7 (1.5 - p) s^1.26. For p = 1.5 both agree
+    thermal   mass over the thermal mass, q (H/r)^-3. Above about 1 the theory, which is linear, does not hold
     needed    number of gas particles for which the error by probes (without probes the error by orbits) would be a
               tenth of the theory, if the error is inversely proportional to this number
+
+--from is a number of orbits of the companion, or a time like "500 yr".
 """
 
 from __future__ import annotations
 
-import argparse
 import sys
 from pathlib import Path
 from typing import NamedTuple
@@ -31,13 +33,13 @@ import numpy as np
 
 from discsim import load_scene
 from discsim.output.companions import read_companions
-from discsim.output.results import print_fault, print_table, script_parser
+from discsim.output.results import number_text, orbits_of, print_fault, print_table, script_parser
 from discsim.parts import STARTS
 from discsim.physics import profile
 from discsim.physics.centre import kepler_omega
 from discsim.physics.companions import scale_height, softening
 from discsim.physics.eos import eos_of
-from discsim.printable import UserError
+from discsim.printable import UserError, printable
 from discsim.scene import Scene
 
 COLUMNS = ("number", "time", "torque_gas", "mass", "semi_major_axis")
@@ -60,6 +62,13 @@ class Torque(NamedTuple):
     horseshoe: float
     linear: float
     orbits: int
+    thermal: float  # mass over the thermal mass
+    start: float  # orbits left out
+
+    @property
+    def noise(self) -> float:
+        """Error of the mean by probes, without probes by orbits."""
+        return self.error if np.isnan(self.probes) else self.probes
 
 
 def theory(p: float, index: float, softening: float) -> tuple[float, float]:
@@ -84,8 +93,8 @@ def refuse_other_runs(directory: Path, scene: Scene) -> None:
         raise InputError(f"{directory}: the start has no Sigma(r), which Gamma_0 needs; expected the start of a disc")
 
 
-def torque(directory: Path, start: float) -> Torque:
-    """Return the torque by the gas from the orbit `start` on. Raises UserError, OSError."""
+def torque(directory: Path, given_start: str | float) -> Torque:
+    """Return the torque by the gas after a time like "2 orbits". Raises UserError, OSError."""
     path = directory / "companions.csv"
     columns = read_companions(directory, COLUMNS)
     scene = load_scene(directory / "scene.toml")
@@ -103,10 +112,15 @@ def torque(directory: Path, start: float) -> Torque:
         raise InputError(f"{directory}: no gas at the orbit of the companion at the start; expected a planet in a disc")
     aspect = float(scale_height(scene, a)) / a
     unit = (q / aspect) ** 2 * sigma[1] * a**4 * omega**2
+    start = orbits_of(given_start, 2.0 * np.pi / omega, scene, "--from")
+    made = float(of_each[planet][-1, TIME]) * omega / (2.0 * np.pi)
+    if made + 1e-6 < np.ceil(start) + 2.0:
+        raise InputError(
+            f"--from {given_start}: {directory} has {made:.4g} orbits of the companion; expected at least two whole "
+            f"orbits after --from"
+        )
     found = [_means(own, omega, unit * mass / masses[planet], start) for own, mass in zip(of_each, masses, strict=True)]
     means, row = found[planet]
-    if len(means) < 2:
-        raise InputError(f"{directory}: {len(means)} whole orbits from --from {start:g} on; expected at least two")
     probes = [own.mean() for k, (own, _) in enumerate(found) if k != planet]
     depth = softening(scene, scene.table("companion")[planet], a) / (aspect * a)
     slope = float((sigma[0] - sigma[2]) / (2.0 * SLOPE * sigma[1]))
@@ -117,6 +131,8 @@ def torque(directory: Path, start: float) -> Torque:
         row,
         *theory(slope, eos_of(scene).temperature_slope(scene.gas.eos), depth),
         len(means),
+        q / aspect**3,
+        start,
     )
 
 
@@ -137,27 +153,27 @@ def _mean(x: np.ndarray, y: np.ndarray, first: float, last: float) -> float:
     return float(np.trapezoid(np.interp(grid, x, y), grid) / (last - first))
 
 
-def orbit_number(text: str) -> float:
-    """Return a finite number from 0 from the command line."""
-    value = float(text)
-    if not 0.0 <= value < np.inf:
-        raise argparse.ArgumentTypeError(f"{text}: expected a number of orbits, 0 or more")
-    return value
-
-
-def show(names: list[str], particles: list[int], found: list[Torque], start: float) -> None:
-    """Print one line for each quantity, and one column for each run."""
-    needed = []
-    for count, each in zip(particles, found, strict=True):
-        noise = each.error if np.isnan(each.probes) else each.probes
-        needed.append(count * noise / (0.1 * abs(each.horseshoe)))
+def show(names: list[str], particles: list[int], found: list[Torque]) -> None:
+    """Print one line for each quantity, and one column for each run; then what limits the comparison."""
+    needed = [
+        int(float(f"{count * each.noise / (0.1 * abs(each.horseshoe)):.2g}"))
+        for count, each in zip(particles, found, strict=True)
+    ]
     texts = ["mean torque", "error by orbits", "error by probes", "scatter of single rows", "theory, horseshoe drag"]
     rows: list[list[object]] = [["gas particles", "", *particles], ["whole orbits", "", *(t.orbits for t in found)]]
     for k, text in enumerate([*texts, "theory, linear"]):
         rows.append([text, "Gamma_0", *(each[k] for each in found)])
-    rows.append(["gas particles for an error of 10%", "", *needed])
-    title = f"Torque by the gas on the companion from orbit {start:g} on, Gamma_0 = (q r / H)^2 Sigma_0 r^4 Omega^2"
+    rows += [["mass over the thermal mass, q (H/r)^-3", "", *(each.thermal for each in found)]]
+    rows += [["gas particles for an error of 10%", "", *needed]]
+    starts = ", ".join(dict.fromkeys(f"{each.start:.4g}" for each in found))
+    title = f"Torque by the gas on the companion from orbit {starts} on, Gamma_0 = (q r / H)^2 Sigma_0 r^4 Omega^2"
     print_table(title, ["quantity", "unit", *names], rows)
+    print("a negative torque moves the companion inwards")
+    for name, each in zip(names, found, strict=True):
+        if each.noise > abs(each.mean) / 3.0:
+            print(f"{printable(name)}: the error is above a third of the torque; use more particles, or more orbits")
+        if each.thermal > 1.0:
+            print(f"{printable(name)}: the companion is above the thermal mass, for which the theory does not hold")
 
 
 def main(arguments: list[str] | None = None, prog: str | None = None) -> int:
@@ -165,7 +181,12 @@ def main(arguments: list[str] | None = None, prog: str | None = None) -> int:
     parser = script_parser(__doc__, prog, __file__)
     parser.add_argument("directories", type=Path, nargs="+", metavar="DIR", help="directories of runs")
     parser.add_argument(
-        "--from", dest="start", type=orbit_number, default=2.0, metavar="ORBITS", help="orbits left out (default 2)"
+        "--from",
+        dest="start",
+        type=number_text,
+        default="2 orbits",
+        metavar="TIME",
+        help='time left out, like "2 orbits" of the companion, 2 or "500 yr" (default "2 orbits")',
     )
     given = parser.parse_args(arguments)
     try:
@@ -173,7 +194,7 @@ def main(arguments: list[str] | None = None, prog: str | None = None) -> int:
         particles = [load_scene(directory / "scene.toml").gas.particles for directory in given.directories]
     except (UserError, OSError) as error:
         return print_fault("torque", error)
-    show([directory.resolve().name for directory in given.directories], particles, found, given.start)
+    show([directory.resolve().name for directory in given.directories], particles, found)
     return 0
 
 

@@ -42,6 +42,11 @@ def display_unit(units: Units, dimension: str, unit: str) -> tuple[float, str]:
     return float(units.quantity(1.0, dimension).to_value(unit)), unit
 
 
+def with_unit(name: str, unit: str) -> str:
+    """Return the head of a column of a file, like "radius [au]"; the name alone for code units and plain numbers."""
+    return name if unit in ("", CODE_UNITS) else f"{name} [{unit}]"
+
+
 def print_table(title: str, head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
     """Print a title and a table, with one line per row. None is an empty entry, and "-" stands for NaN."""
     from rich.box import SIMPLE
@@ -90,19 +95,12 @@ def script_parser(text: str | None, prog: str | None, file: str) -> argparse.Arg
     return argparse.ArgumentParser(prog, None, text, f"The script, to copy and change: {file}", formatter_class=raw)
 
 
-def positive_number(text: str) -> float:
-    """Return the positive number in a text, as a type of argparse. Raises ArgumentTypeError."""
-    if _leading_number(text)[1]:
-        raise argparse.ArgumentTypeError(f"{clipped(text)!r}: expected a number above 0")
-    return _leading_number(text)[0]
-
-
 def positive_text(text: str) -> str:
     """Return a text that starts with a positive number, as a type of argparse. Raises ArgumentTypeError.
 
     The unit is read by `length_in_code` and `orbits_of`, as it may depend on the run.
     """
-    _leading_number(text)
+    _check_number(text)
     return text
 
 
@@ -113,22 +111,18 @@ def positive_texts(text: str) -> list[str]:
 
 def number_text(text: str) -> str:
     """Return a text that starts with a number from 0, as a type of argparse. Raises ArgumentTypeError."""
-    _leading_number(text, has_zero=True)
+    _check_number(text, has_zero=True)
     return text
 
 
-def _leading_number(text: str, has_zero: bool = False) -> tuple[float, str]:
-    """Return the number at the start of a text, and the rest. Raises ArgumentTypeError unless it is above 0.
-
-    With `has_zero` it may be 0.
-    """
+def _check_number(text: str, has_zero: bool = False) -> None:
+    """Raise ArgumentTypeError unless the text starts with a number above 0; with `has_zero` it may be 0."""
     try:
-        value, rest = split_number(text, "a number")
+        value = split_number(text, "a number")[0]
     except UnitError:
-        value, rest = math.nan, ""
+        value = math.nan
     if not (0.0 < value < math.inf or (has_zero and value == 0.0)):
         raise argparse.ArgumentTypeError(f"{clipped(text)!r}: expected a number {'from' if has_zero else 'above'} 0")
-    return value, rest
 
 
 def length_in_code(text: str, units: Units, name: str) -> float:
@@ -143,16 +137,16 @@ def length_in_code(text: str, units: Units, name: str) -> float:
         raise OptionError(f"{name}: {error}") from None
 
 
-def orbits_of(text: str, period: float, scene: Scene, name: str) -> float:
+def orbits_of(given: str | float, period: float, scene: Scene, name: str) -> float:
     """Return a time as a number of orbits with the given period in code units.
 
-    `text` is a number of these orbits like "3" or "3 orbits", or a time like "500 yr" or "3 orbits at 20 au". `scene`
-    is that of the run, `name` the option in messages. Raises OptionError.
+    `given` is a number of these orbits like 3, "3" or "3 orbits", or a time like "500 yr" or "3 orbits at 20 au".
+    `scene` is that of the run, `name` the option in messages. Raises OptionError.
     """
     try:
-        value, rest = split_number(text, "a number of orbits")
+        value, rest = split_number(str(given), "a number of orbits")
         if rest in ("", "orbit", "orbits"):
             return value
-        return time_in_code_units(text, scene.units, scene.text) / period
+        return time_in_code_units(given, scene.units, scene.text) / period
     except UnitError as error:
         raise OptionError(f"{name}: {error}") from None

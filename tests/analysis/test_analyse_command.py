@@ -126,7 +126,43 @@ def test_a_gap_in_physical_units(planet, tmp_path):
         head = next(csv.reader(file))
     # Populations are called as in fields, dust.0.surface_density.
     over = ["gas over start", "dust.0 over start", "dust.1 over start"]
-    assert head == ["radius", "gas", "dust.0", "dust.1", *over, "pressure"]
+    unit = "[g/cm2]"
+    assert head == ["radius [au]", f"gas {unit}", f"dust.0 {unit}", f"dust.1 {unit}", *over, "pressure [g/s2]"]
+    rows = np.genfromtxt(tmp_path / "out" / "planet-gap.csv", delimiter=",", skip_header=1)
+    near = np.argmin(np.abs(rows[:, 0] - 9.3))
+    # 0.02 of half a solar mass in equal steps of radius from 2 to 14 au; 1 Msun/au^2 is 8.885e6 g/cm2. 12% is noise.
+    sigma = 8.885e6 * 0.01 / (2 * np.pi * rows[near, 0] * 12)
+    assert rows[near, 1] == pytest.approx(sigma, rel=0.12)
+    # c_s = 0.06 v_K, and v_K^2 = G 0.8 Msun / r; G Msun / au is 8.871e12 cm2/s2.
+    assert rows[near, -1] / rows[near, 1] == pytest.approx(0.06**2 * 0.8 * 8.871e12 / rows[near, 0], rel=1e-3)
+
+
+def test_a_gap_says_why_an_edge_is_missing_and_how_long_the_run_is(planet, tmp_path):
+    """17 code units are 0.815 of the planet's orbits, 9.38 yr; the last half of the run has its only later snapshot."""
+    orbits = 17 / (2 * np.pi * np.sqrt(AXIS**3 / (1.6 + 6e-4)))
+    texts = [
+        discsim("gap", planet, "-o", tmp_path / "out", "--last", last).stdout
+        for last in (
+            "0.4",
+            "0.4 orbits",
+            "0.4 orbits of the companion",
+            f"{0.4 * 17 / orbits * 4 / (2 * np.pi):.6g} yr",
+        )
+    ]
+    assert "formula" in texts[0] and texts[1] == texts[0]
+    starts = [float(text.split("mean of orbits")[1].split()[0]) for text in texts]
+    assert starts == pytest.approx([orbits - 0.4] * 4, abs=2e-4)  # the scene has half of the planet's mass; four digits
+    assert f"the formulas are for a steady gap; this run has {orbits:.4g} orbits" in texts[0]
+    assert "no edges" not in texts[0] and "no inner edge" not in texts[0]
+    module = import_module("gap")
+    gap = module.Gap(planet, 0.4)
+    shallow = 1.9 * gap.profiles["gas"]  # 0.57 of the start
+    gap.mean = lambda *_: shallow
+    assert module.missing_edges(gap)[0].startswith("no edges: Sigma stays above half of Sigma_0, with 0.5")
+    inner = np.where(gap.radius < gap.axis, 0.2 * gap.each["gas"][0], gap.each["gas"][1])
+    gap.mean = lambda *_: inner
+    (line,) = module.missing_edges(gap)  # the disc of the start begins at 2 au, the profile at 2.6 au
+    assert line == "no inner edge: Sigma stays below half of Sigma_0 to r = 2.61 au, the end of the disc or profile"
 
 
 @pytest.mark.parametrize(
@@ -167,6 +203,11 @@ def test_torque_has_a_line_for_each_quantity(planet):
     table = lines_of(done.stdout)
     assert table["quantity"] == ["unit", "planet", "planet"] and table["whole orbits"] == ["3", "3"]
     found = table["mean torque"]
+    assert float(table["mass over the thermal mass, q (H/r)^-3"][0]) == pytest.approx(q / 0.06**3, rel=1e-3)
+    assert "above the thermal mass" in done.stdout and "the error is above" not in done.stdout
+    years = 2.7 * period * (8 / 0.5) ** 0.5 / (2 * np.pi)  # of units of 2 au and 0.5 Msun
+    for start in ("2.7 orbits", f"{years:.6g} yr"):
+        assert lines_of(discsim("torque", planet, "--from", start).stdout)["mean torque"][1] == found[1]
     # Orbits 3, 4 and 5 have -1.93, -1.94 and -1.95, but for their first row.
     assert found[0] == "Gamma_0" and float(found[1]) == pytest.approx(-1.94, abs=2e-3)
     assert float(table["error by orbits"][1]) == pytest.approx(0.01 / np.sqrt(3), rel=0.1)
@@ -287,6 +328,11 @@ def test_clumps_and_modes_in_time(tmp_path):
         (["clumps", "empty"], "empty: no snapshots found"),
         (["clumps", "dusty", "--size", "9"], "--size 9: expected the radius of a clump, "),
         (["clumps", "dusty", "--size", "1e-9"], "--size 1e-09: expected the radius of a clump, "),
+        (["clumps", "dusty", "--size", "1 au"], '--size: "1 au" is not a finite number'),
+        (["gap", "planet", "--last", "3 au"], '--last: "3 au" is a length; expected a time'),
+        (["gap", "planet", "--last", "3 orbits at 0 au"], '--last: "3 orbits at 0 au": the radius "0 au" is not pos'),
+        (["torque", "planet", "--from", "2 kg"], '--from: "2 kg" is a mass; expected a time'),
+        (["torque", "planet", "--from", "7 orbits"], "has 0.8163 orbits of the companion; expected at least two whole"),
         (["stress", "empty"], "empty: no run found; expected a directory with scene.toml and snapshots"),
         (["stress", "dusty"], "dusty: no self-gravitating gas in two dimensions"),
         (["oneway-twoway", "dusty"], "dusty: only one run; expected two or more directories of runs to compare"),
@@ -317,7 +363,15 @@ def test_a_wrong_run_is_one_message_and_no_file(tmp_path, monkeypatch, planet, w
     assert set(tmp_path.rglob("*")) == before
 
 
-@pytest.mark.parametrize("words", [["gap", "x", "--last", "0"], ["stress", "x", "--orbits", "nan"], ["torque"]])
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["gap", "x", "--last", "0 yr"],
+        ["stress", "x", "--orbits", "nan"],
+        ["torque", "x", "--from", "-1 yr"],
+        ["torque"],
+    ],
+)
 def test_a_wrong_option_has_the_usage_of_the_command(words):
     done = discsim(*words)
     assert done.exit_code == 2
