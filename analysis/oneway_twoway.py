@@ -21,7 +21,7 @@ code units. All dust populations of a run are taken together.
     h of the gas    smoothing length of SPH gas at the peak: finer structure depends on the number of particles
 
 It writes two files into OUT or the present directory: oneway_twoway.csv with all times, and oneway_twoway.png with
-log Sigma_dust in radius and time, smoothed as by `discsim plot --time` or by W, the radius of the peak, and r50 of all
+log Sigma_dust in radius and time, smoothed as maps of `discsim plot` or by W, the radius of the peak, and r50 of all
 runs in one panel. The runs must have the same units. If their times differ, the first run is followed to the end of the
 shortest. Lengths are given like "20 au"; a plain number is in au, for runs in code units in code units.
 """

@@ -63,8 +63,9 @@ def finish_profile(axes: Axes, snap: Snapshot, names: Sequence[str], display: Di
     peaks = [y.max() for y in shown if y.size]
     if field.scale == "log" and peaks and _decades_spanned(shown) > 0.3:
         axes.set_yscale("log")
-        if field.kind == "density":  # a lone particle must not determine the scale
-            axes.set_ylim(bottom=max(axes.get_ylim()[0], min(peaks) * 10**-MAX_DECADES), auto=None)
+        if field.kind == "density":  # a lone particle, or a faint tail, must not determine the scale or its margin
+            bottom, top = axes.get_ylim()
+            axes.set_ylim(max(bottom, min(peaks) * 10**-MAX_DECADES), min(top, 2.0 * max(peaks)), auto=None)
     if display.limits is not None:
         axes.set_ylim(*display.limits)
     if axes.get_yscale() == "log":
