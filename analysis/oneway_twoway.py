@@ -328,19 +328,29 @@ def show(made: Comparison) -> None:
         text = f"{name[:-1]} {au})" if name.startswith("M(") and au != CODE_UNITS else name
         rows.append([text, unit, *values, *(ratio if len(made.names) == 2 else [])])
     print_table(title, head, rows[1:])
-    show_reasons(dict(zip(head[2:], [first, *last], strict=False)))
+    show_reasons(dict(zip(head[2:], [first, *last], strict=False)), au)
 
 
-def show_reasons(shown: dict[str, np.ndarray]) -> None:
-    """Print why a width or a contrast is missing in a column of the table; `shown` has the quantities of columns."""
+def show_reasons(shown: dict[str, np.ndarray], unit: str) -> None:
+    """Print why a width or a contrast is missing, and if the smoothing is finer than the gas.
+
+    shown: quantities of each column of the table. unit: that of lengths.
+    """
     peaks = {name: Peak(*row[PEAK:]) for name, row in shown.items()}
+    none = [name for name, peak in peaks.items() if np.isnan(peak.height)]
+    if none:
+        print(f"no peak ({printable(', '.join(none))}): there is no dust within the radii of the start")
     for quantity, reason in (
         ("width", "the peak is at a sharp edge of the dust, or is not resolved by the smoothing"),
         ("contrast", "there is no trough with dust next to the peak"),
     ):
-        missing = [name for name, peak in peaks.items() if np.isnan(getattr(peak, quantity))]
+        missing = [name for name, peak in peaks.items() if np.isnan(getattr(peak, quantity)) and name not in none]
         if missing:
             print(f"no {quantity} ({printable(', '.join(missing))}): {reason}")
+    coarse = max((peak.gas_h for peak in peaks.values() if peak.smoothing < peak.gas_h), default=None)
+    if coarse is not None:
+        text = f"{coarse:.2g} {unit}".removesuffix(f" {CODE_UNITS}")
+        print(f'the smoothing is finer than h of the gas: see whether the peaks compare alike with --smooth "{text}"')
 
 
 def show_times(made: Comparison) -> None:

@@ -229,7 +229,8 @@ def test_two_runs_have_one_line_for_each_quantity(tmp_path, monkeypatch):
     assert [float(value) for value in within[2:4]] == pytest.approx([0.09, 0.22], abs=2e-4)
     quantities = ["r10", "r50", "r90", "M(<1.3)", "M(<1.7)", "peak at", "peak", "width", "contrast"]
     quantities += ["smoothing", "lost", "noise", "h of the gas"]
-    rows = [name for name in table if not name.startswith(("Dust at", "─", "oneway_twoway", "no "))]
+    rows = [name for name in table if not name.startswith(("Dust at", "─", "oneway_twoway", "no ", "the smoothing"))]
+    assert 'finer than h of the gas: see whether the peaks compare alike with --smooth "1"' in done.stdout
     assert rows == ["quantity", *quantities] and "oneway_twoway.csv" in done.stdout
     made = (tmp_path / "oneway_twoway.csv").read_bytes()
     done = discsim("oneway-twoway", kept, shrunk, "--within", "1.3,1.7", "--times", "-o", "again")
@@ -287,6 +288,15 @@ def test_no_width_at_an_edge_and_no_contrast_without_a_trough(tmp_path):
     assert "no width (start of edge, edge): the peak is at a sharp edge of the dust" in done.stdout
     assert "no contrast (start of edge, edge, alone): there is no trough with dust next to the peak" in done.stdout
     assert "inf" not in done.stdout.split("oneway_twoway.csv")[0]
+
+
+def test_dust_that_is_all_gone_has_no_peak(tmp_path):
+    gone = run_of(tmp_path / "gone", [even(300, 1.0, 2.0), even(300, 4.0, 5.0)])
+    kept = run_of(tmp_path / "kept", [even(300, 1.0, 2.0)] * 2)
+    done = discsim("oneway-twoway", gone, kept, "-o", tmp_path / "out")
+    assert done.exit_code == 0 and lines_of(done.stdout)["peak"][2] == "-"
+    assert "no peak (gone): there is no dust within the radii of the start" in done.stdout
+    assert "no width (start of gone, kept): " in done.stdout
 
 
 def test_dust_of_several_populations_in_physical_units(planet, tmp_path):
