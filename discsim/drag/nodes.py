@@ -167,12 +167,23 @@ def _gather_species(
     return (begin, column), (gather.collect, kind, cells, nodes, square)
 
 
-def _mean_thermal_speed(gas: Species, blocks: Blocks) -> Array:
-    """Return the mean thermal speed of the gas in each block (blocks,); 0 in a block without gas."""
+def _means_in_blocks(values: Array, blocks: Blocks) -> Array:
+    """Return the mean of `values` (n,) over the gas particles in each block (blocks,); 0 in a block without gas."""
     number = np.diff(blocks.gas_start[: len(blocks.level) + 1])
     of_block = np.repeat(np.arange(len(number)), number)
-    speeds = gas.sound[blocks.gas_order[: len(of_block)]]
-    return np.bincount(of_block, speeds, len(number)) / np.maximum(number, 1)
+    summed = np.bincount(of_block, values[blocks.gas_order[: len(of_block)]], len(number))
+    return summed / np.maximum(number, 1)
+
+
+def _motion_of_gas(
+    gas: Species, blocks: Blocks, cells: CellSums, nodes: NodeSums, dt: float
+) -> Array:  # fmt: skip
+    """Return the mean velocity (2, nodes) of the gas near each node, half-way through a kick by accelerations."""
+    out = np.zeros((2, len(nodes.stencil)))
+    for c in range(gas.vel.shape[1]):
+        means = _means_in_blocks(gas.vel[:, c] + 0.5 * dt * gas.acc[:, c], blocks)
+        parallel_for(relax.mean_over_gas, len(nodes.stencil), nodes, cells.moments, means, out[c], least=LEAST)
+    return out
 
 
 def _relax_nodes(
@@ -187,7 +198,7 @@ def _relax_nodes(
     sound = None
     if law.nonlinear:
         sound = np.empty(total)
-        passes.append((relax.mean_sound_speed, nodes, cells.moments, _mean_thermal_speed(gas, blocks), sound))
+        passes.append((relax.mean_over_gas, nodes, cells.moments, _means_in_blocks(gas.sound, blocks), sound))
     parallel_for_fused(passes, total, least=LEAST)
     change = DragChanges(*aligned((2, total, species, 2)), *aligned((2, total, species)))
     parallel_for(
@@ -198,7 +209,10 @@ def _relax_nodes(
         aligned((total, species, LANES)), aligned((total, 4)), np.empty(total if heating else 0),
         np.empty((total if heating and len(nodes.square) > 0 else 0, 2, LANES)),
     )  # fmt: skip
-    parallel_for(antidiffusion.restore, total, nodes, slopes.pooled, change, law.two_way, dt, impulse, least=LEAST)
+    motion = _motion_of_gas(gas, blocks, cells, nodes, dt) if heating and law.two_way else np.empty((2, 0))
+    parallel_for(
+        antidiffusion.restore, total, nodes, slopes.pooled, change, motion, law.two_way, dt, impulse, least=LEAST
+    )
     return impulse
 
 

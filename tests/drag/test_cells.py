@@ -19,12 +19,16 @@ def test_few_dust_particles_are_all_coupled():
     box = {"kind": "box", "gas_velocity": 0.0, "dust_velocity": 1.0}
     sim = Simulation(scene(box, 0.05, {"law": "stopping-time", "t_stop": 0.01}, gas=600, dust=dust))
     sim.run()
-    slip = sim.dust.vel.mean() - sim.gas.vel.mean()
+    distance = (sim.dust.pos - sim.gas.pos[:, 0] + 0.5) % 1.0 - 0.5
+    side = sim.effects["drag"].engine.layout(sim.state).lattice.side  # of the smallest cells
+    near = np.exp(-0.5 * (distance / (2.0 * side)) ** 2)
+    slip = sim.dust.vel[:, 0] - near @ sim.gas.vel[:, 0] / near.sum(axis=1)
     momentum = (sim.gas.mass[:, None] * sim.gas.vel).sum() + (sim.dust.mass[:, None] * sim.dust.vel).sum()
     assert momentum == pytest.approx(0.5, rel=1e-13)
-    # Each particle has met gas; in uneven loads the slip still falls at about exp(-t (1 + eps)/t_stop) = 5e-4.
+    # Each grain has met gas. The slip of 1 would be 5e-4 in an even mixture; here it is at most .13, as gas is pushed
+    # aside by the heavy grains.
     assert np.isfinite(sim.effects["drag"].stopping_times).all()
-    assert abs(slip) < 0.05 and sim.dust.vel.max() < 0.8
+    assert np.abs(slip).max() < 0.16 and sim.dust.vel.max() < 0.4
 
 
 def test_dust_without_gas_is_reported():

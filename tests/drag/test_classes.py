@@ -170,7 +170,7 @@ def disc(scheme, bins, direction="two-way", largest=0.5):
                 "eos": {"kind": "locally-isothermal", "aspect_ratio": 0.05, "temperature_index": 1.0},
             },
             "dust": {
-                "particles": 6000 * bins,
+                "particles": 12000 * bins,
                 "ratio": 0.5,
                 "grain_size": {"smallest": 0.005 * per_stokes, "largest": largest * per_stokes, "bins": bins},
                 "grain_density": 1.0,
@@ -217,8 +217,9 @@ def drifts(sim):
 def test_sizes_drift_each_at_its_own_speed(prescribed, scheme, bins):
     """NSH of three and of eight sizes at once (Benitez-Llambay et al. 2019), pressure given."""
     found, expected = drifts(disc(scheme, bins))
-    # Within 3% with the particles in a cell that each size has here; more of them come nearer.
-    np.testing.assert_allclose(found, expected, rtol=0.05)
+    # Measured 1.8%, of the smallest grains: where grains are denser by chance, gas and grains are slower. Half of the
+    # grains give three times the error.
+    np.testing.assert_allclose(found, expected, rtol=0.025)
 
 
 @pytest.mark.slow  # a minute; in given gas they drift above

@@ -10,33 +10,46 @@ from discsim.kernels.drag.tsc.nodes import DX, DY, LEAST_INERTIA, ONE, RATE, SPI
 
 
 @inline_jit
-def restore_slip(n, s, nodes, change, two_way, value):
-    """Correct `value` at node n for the smoothing of velocity changes due to the slip of gas and species s.
+def clip(value, largest):
+    """Return `value`, with its absolute value limited to `largest`."""
+    return min(max(value, -largest), largest)
 
-    Gather and scatter each smooth with a variance of side^2 / 4. The correction is a flux through the faces between
-    node n and its neighbours, in proportion to the smaller reduced mass of the two nodes. Uniform changes are not
-    altered, and momentum is exact.
+
+@inline_jit
+def relative_change(of, n, s, c):
+    """Return the absolute change of the velocity of species s relative to the gas at node n, component c."""
+    return abs(of[n, s, c] - of[n, 0, c])
+
+
+@inline_jit
+def restore_slip(n, s, nodes, change, two_way, value):
+    """Correct `value` at node n for the smoothing of velocity changes of species s due to its slip.
+
+    Gather and scatter each smooth with a variance of side^2 / 4. The correction of the dust is a flux through the faces
+    between node n and its neighbours. It takes the momentum from the gas at the same node. Uniform changes are not
+    altered.
     """
-    slip, mass = change.slip, change.mass
+    slip, reduced, sums = change.slip, change.mass, nodes.sums
     for k in range(1, 9, 2):  # across faces
         other = nodes.stencil[n, k]
         if other < 0:
             continue
-        face = 0.25 * min(mass[n, s], mass[other, s])
+        face, limit = 0.25 * min(sums[n, s, ONE], sums[other, s, ONE]), 0.25 * min(reduced[n, s], reduced[other, s])
         for c in range(2):
-            d = face * (slip[n, s, c] - slip[n, 0, c] - slip[other, s, c] + slip[other, 0, c])
-            value[n, s, DX + c] += d / nodes.sums[n, s, ONE]
+            largest = limit * (relative_change(slip, n, s, c) + relative_change(slip, other, s, c))
+            d = clip(face * (slip[n, s, c] - slip[other, s, c]), largest)
+            value[n, s, DX + c] += d / sums[n, s, ONE]
             if two_way:
-                value[n, 0, DX + c] -= d / nodes.sums[n, 0, ONE]
+                value[n, 0, DX + c] -= d / sums[n, 0, ONE]
 
 
 @inline_jit
 def restore_drive(n, s, nodes, change, two_way, value):
-    """Correct `value` at node n for the smoothing of velocity changes due to sources of gas and species s.
+    """Correct `value` at node n for the smoothing of velocity changes of species s due to sources, as `restore_slip`.
 
     The correction is by second differences along each axis, so that changes linear in space are not altered.
     """
-    drive, sums = change.drive, nodes.sums
+    drive, sums, limit = change.drive, nodes.sums, 0.25 * change.mass[n, s]
     for step in (3, 1):
         low, high = nodes.stencil[n, 4 - step], nodes.stencil[n, 4 + step]
         if low < 0 or high < 0 or min(sums[low, 0, ONE], sums[high, 0, ONE]) <= 0.0:
@@ -44,12 +57,53 @@ def restore_drive(n, s, nodes, change, two_way, value):
         if min(sums[low, s, ONE], sums[high, s, ONE]) <= 0.0:
             continue
         for c in range(2):
-            d = 2.0 * (drive[n, s, c] - drive[n, 0, c])
-            d -= drive[low, s, c] - drive[low, 0, c] + drive[high, s, c] - drive[high, 0, c]
-            d *= 0.25 * change.mass[n, s]
+            largest = 2.0 * relative_change(drive, n, s, c)
+            largest = limit * (largest + relative_change(drive, low, s, c) + relative_change(drive, high, s, c))
+            d = 2.0 * drive[n, s, c] - (drive[low, s, c] + drive[high, s, c])
+            d = clip(0.25 * sums[n, s, ONE] * d, largest)
             value[n, s, DX + c] += d / sums[n, s, ONE]
             if two_way:
                 value[n, 0, DX + c] -= d / sums[n, 0, ONE]
+
+
+@inline_jit
+def displaced_momentum(n, other, c, nodes, change):
+    """Return the momentum that smoothing moves from the gas at node n to another node, eq. (5) of `nodes.py`."""
+    slip, drive, sums, reduced = change.slip, change.drive, nodes.sums, change.mass
+    moved, largest = 0.0, 0.0
+    of_gas = (slip[n, 0, c] + drive[n, 0, c]) + (slip[other, 0, c] + drive[other, 0, c])
+    moved += 0.125 * (sums[other, 0, ONE] - sums[n, 0, ONE]) * of_gas
+    for s in range(1, sums.shape[1]):
+        of_dust = (slip[n, s, c] + drive[n, s, c]) + (slip[other, s, c] + drive[other, s, c])
+        moved += 0.125 * (sums[other, s, ONE] - sums[n, s, ONE]) * of_dust
+        at_n, at_other = relative_change(slip, n, s, c), relative_change(slip, other, s, c)
+        at_n += relative_change(drive, n, s, c)
+        at_other += relative_change(drive, other, s, c)
+        largest += 0.25 * min(reduced[n, s], reduced[other, s]) * min(at_n, at_other)
+    return clip(moved, largest)
+
+
+@inline_jit
+def return_displaced_momentum(n, nodes, change, motion, value):
+    """Return to the gas at node n the momentum that smoothing moved to its neighbours; return (torque, energy).
+
+    torque: half of the torque of this transfer. energy: energy that the transfer carries, with the velocity of the gas
+    at the faces; 0 if `motion` is empty. motion (2, nodes): mean velocity of the gas near each node.
+    """
+    torque, energy, gas = 0.0, 0.0, nodes.sums[n, 0, ONE]
+    if gas <= 0.0:
+        return torque, energy
+    for k in range(1, 9, 2):  # across faces
+        other, i, j = nodes.stencil[n, k], k // 3 - 1.0, k % 3 - 1.0
+        if other < 0 or nodes.sums[other, 0, ONE] <= 0.0:
+            continue
+        x, y = displaced_momentum(n, other, 0, nodes, change), displaced_momentum(n, other, 1, nodes, change)
+        value[n, 0, DX] += x / gas
+        value[n, 0, DY] += y / gas
+        torque -= 0.5 * (i * y - j * x)
+        if motion.shape[1] > 0:
+            energy += 0.5 * (x * (motion[0, n] + motion[0, other]) + y * (motion[1, n] + motion[1, other]))
+    return torque, energy
 
 
 @inline_jit
@@ -73,12 +127,12 @@ def restore_slope(n, nodes, pooled, out):
 
 
 @inline_jit
-def cancelling_rotation(n, nodes, value):
-    """Return the angular velocity that the gas at node n needs about its centroid to compensate the torque of eq. (4).
+def cancelling_rotation(n, nodes, value, torque):
+    """Return the angular velocity that the gas at node n needs about its centroid to compensate `torque` and eq. (4).
 
     The result is 0 if there is too little gas.
     """
-    m, x, y, torque = nodes.sums[n, 0, ONE], nodes.sums[n, 0, X], nodes.sums[n, 0, Y], 0.0
+    m, x, y = nodes.sums[n, 0, ONE], nodes.sums[n, 0, X], nodes.sums[n, 0, Y]
     if m <= 0.0:
         return 0.0
     inertia = nodes.square[n] - (x * x + y * y) / m
@@ -99,11 +153,11 @@ def add_rotation(n, omega, nodes, value):
 
 
 @jit_no_alloc
-def restore(node_from, node_to, nodes, pooled, change, two_way, dt, impulse):
+def restore(node_from, node_to, nodes, pooled, change, motion, two_way, dt, impulse):
     """Write the changes at nodes, corrected for smoothing, to `impulse`.
 
     `impulse.heat` and `impulse.rotation` are written only if these arrays have entries. pooled (nodes, 4): fitted
-    slopes of the velocity. change: `DragChanges`.
+    slopes of the velocity. change: `DragChanges`. motion: as in `return_displaced_momentum`, needed with heating.
     """
     value = impulse.value
     for n in range(node_from, node_to):
@@ -116,9 +170,10 @@ def restore(node_from, node_to, nodes, pooled, change, two_way, dt, impulse):
                 restore_slip(n, s, nodes, change, two_way, value)
                 restore_drive(n, s, nodes, change, two_way, value)
         restore_slope(n, nodes, pooled, impulse.slope)
-        omega = cancelling_rotation(n, nodes, value) if len(nodes.square) > 0 else 0.0
+        torque, energy = return_displaced_momentum(n, nodes, change, motion, value) if two_way else (0.0, 0.0)
+        omega = cancelling_rotation(n, nodes, value, torque) if len(nodes.square) > 0 else 0.0
         if len(impulse.heat) > 0:
-            impulse.heat[n] = node_heat(n, nodes, value, dt)
+            impulse.heat[n] = node_heat(n, nodes, value, dt) + energy
         if len(impulse.rotation) > 0:
             write_rotation(n, omega, nodes, dt, impulse.rotation)
         add_rotation(n, omega, nodes, value)

@@ -26,8 +26,15 @@ so that momentum is exact. In two dimensions the offset between the centroids ch
 
     sum_s M_s X_s x D_s.                                                                                 (4)
 
-A rotation of the gas at the node about its centroid, scattered with the same weights, compensates (4). The residual
-velocity of a particle about the linear fit of its own species in its cell decays at the drag rate of this species.
+Smoothing by gather and scatter, of variance side^2 / 2 together, moves momentum from node to node where the ratio of
+dust to gas varies, because gas and dust near a node then lose and gain different amounts. From a node to a neighbour
+at distance side it moves, to second order,
+
+    sum_s (M_s' - M_s) (D_s + D_s') / 8,                                                                  (5)
+
+with the values at the neighbour marked by '. It is returned to the gas. A rotation of the gas at the node about its
+centroid, scattered with the same weights, compensates (4) and half of the torque of (5). The residual velocity of a
+particle about the linear fit of its own species in its cell decays at the drag rate of this species.
 
 The modules of this folder: `columns.py` packs the particles of a cell in columns. `gather.py` computes (1), or
 `grains.py` for many classes of grains. `fit.py` computes G and B, and `relax.py` (2) and D_s. `antidiffusion.py`

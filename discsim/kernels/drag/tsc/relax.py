@@ -180,11 +180,11 @@ def clear(n, change):
 
 
 @jit_no_alloc
-def mean_sound_speed(node_from, node_to, nodes, moments, sound, out):
-    """Write to `out` (nodes,) the mass-weighted mean thermal speed of the gas in the nine cells about each node.
+def mean_over_gas(node_from, node_to, nodes, moments, of_block, out):
+    """Write to `out` (nodes,) the mass-weighted mean of a property of the gas in the nine cells about each node.
 
-    Nearer cells have larger weights. moments: of `CellSums`. sound (blocks,): mean thermal speed in each block. Nodes
-    without gas get 1.
+    Nearer cells have larger weights. moments: of `CellSums`. of_block (blocks,): mean of the property in each block.
+    Nodes without gas get 1.
     """
     for n in range(node_from, node_to):
         total, mass = 0.0, 0.0
@@ -192,6 +192,6 @@ def mean_sound_speed(node_from, node_to, nodes, moments, sound, out):
             block = nodes.node_cells[n, k]
             if block >= 0 and moments[block, WHOLE, ONE] > 0.0:
                 w = slope_weight(k) * moments[block, WHOLE, ONE]
-                total += w * sound[block]
+                total += w * of_block[block]
                 mass += w
         out[n] = total / mass if mass > 0.0 else 1.0
