@@ -41,7 +41,6 @@ from discsim.formulas.companions import gap_width, hill_radius
 from discsim.output.companions import read_companions
 from discsim.output.drawing import COLOURS, figure_text, population_style, set_log_ticks
 from discsim.output.gaps import AT_EDGE, HILLS, START_WIDTH, gap_edges, ring_density, ring_edges, smoothed, within_disc
-from discsim.output.populations import populations_of
 from discsim.output.results import (
     CODE_UNITS,
     display_unit,
@@ -60,6 +59,7 @@ from discsim.physics.companions import scale_height
 from discsim.physics.viscosity import diffusivity
 from discsim.plot.request import save
 from discsim.printable import UserError
+from discsim.scene.populations import populations_of
 
 SHALLOW = 0.5  # share of the mass inside, above which a gap is no power law of q, alpha and H/r
 

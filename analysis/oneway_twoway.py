@@ -42,7 +42,6 @@ from matplotlib.figure import Figure
 from discsim.output.bins import MAX_WIDTH, SmoothRings, density_range, smallest_width
 from discsim.output.drawing import LINES, figure_text, set_log_ticks
 from discsim.output.fields.values import smooth_profile
-from discsim.output.populations import populations_of
 from discsim.output.results import (
     CODE_UNITS,
     display_unit,
@@ -59,6 +58,7 @@ from discsim.output.snapshot import Snapshot, read_snapshot, snapshot_files
 from discsim.plot.compose import RUN_COLOURS
 from discsim.plot.request import save
 from discsim.printable import UserError, printable
+from discsim.scene.populations import populations_of
 from discsim.study.outcomes import QUANTILES, quantile_radii
 
 HALF, PEAK = 2, -8  # columns r50 and peak of the quantities of a run

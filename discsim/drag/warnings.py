@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
@@ -38,9 +39,8 @@ def _weak_drag(scene: Scene, at: GasSamples) -> Iterator[str]:
         if at.omega is not None and (time * at.omega).max() > 10:
             stokes = time * at.omega
             where = at.where(int(np.argmax(stokes)))
-            which = f"dust.{i}" if len(scene.dust or ()) > 1 else "dust"
             yield (
-                f"{which}: St = {stokes.max():.3g} {where}, above 10, where drag is negligible: "
+                f"{scene.dust_phrases[i]}: St = {stokes.max():.3g} {where}, above 10, where drag is negligible: "
                 f"shorten the stopping time by a factor of {stokes.max() / 10:.2g}, or leave out [drag]"
             )
 
@@ -59,7 +59,8 @@ def _wide_cells(scene: Scene, at: GasSamples) -> Iterator[str]:
         if drag.cell is not None or drag.cell_length is not None:
             cure = "remove drag.cell"
         elif at.cell is not None and at.cell > at.h[worst]:
-            cure = f"raise space.cells by a factor of {narrower:.3g}"
+            cells = max(scene.space.size) / at.cell
+            cure = f"raise space.cells from {cells:.0f} to {math.ceil(narrower * cells)}"
         else:
             cure = f"raise gas.particles by a factor of {narrower**2:.3g}"
         yield (

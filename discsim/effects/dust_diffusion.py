@@ -261,13 +261,12 @@ class _GasSampler:
 def _diffusion_rows(scene: Scene, at: base.GasSamples) -> Iterator[tuple[str, str]]:
     """Yield (name, text) of the diffusion coefficient and time of each dust population."""
     found = diffusion.diffusivities(scene, at)
-    for i, (strength, _) in enumerate(found):
-        which = f" {i}" if len(found) > 1 else ""
+    for (strength, _), dust in zip(found, scene.dust_phrases, strict=False):
         texts = [scene.units.show(float(value), "diffusivity") for value in strength]
-        yield f"diffusion coefficient of dust{which}", ", ".join(texts)
+        yield f"diffusion coefficient of {dust}", ", ".join(texts)
         if at.scale_height is not None:
             times = [scene.units.show(float(time), "time") for time in at.scale_height**2 / strength]
-            yield f"diffusion time over H{which}", ", ".join(times)
+            yield "diffusion time over H" + (f" of {dust}" if len(found) > 1 else ""), ", ".join(times)
 
 
 def _diffusion_warnings(scene: Scene, at: base.GasSamples) -> Iterator[str]:

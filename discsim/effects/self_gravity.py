@@ -145,11 +145,11 @@ def _collapse_warnings(scene: Scene, at: base.GasSamples) -> Iterator[str]:
             f"{CLUMP_SIZE}: "
             f"raise gas.particles by a factor of {CLUMP_SIZE / size:.2g}"
         )
-    cell = at.cell
+    cell, across = at.cell, max(scene.space.size)
     if length[worst] < CELLS * cell:
         yield (
             f"the smallest collapsing region {where} is {length[worst] / cell:.2g} grid cells wide, below {CELLS}: "
-            f"raise space.cells by a factor of {CELLS * cell / length[worst]:.2g}"
+            f"raise space.cells from {across / cell:.0f} to {math.ceil(CELLS * across / length[worst])}"
         )
 
 

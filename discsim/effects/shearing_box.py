@@ -161,9 +161,7 @@ def _report_rows(scene: Scene, at: base.GasSamples) -> Iterator[tuple[str, str]]
     """Yield the drift of gas and dust, and the growth rate of a wave with the given numbers of wavelengths."""
     density = 1.0 if at.density is None else float(at.density[0])
     box = mean_box(scene, density, [dust.ratio for dust in scene.dust or ()])
-    count = len(scene.dust or ())
-    names = ["gas", *(["dust"] if count == 1 else [f"dust.{k}" for k in range(count)])]
-    for name, (radial, azimuthal) in zip(names, streaming.drift(box), strict=True):
+    for name, (radial, azimuthal) in zip(["gas", *scene.dust_phrases], streaming.drift(box), strict=True):
         if name != "gas" or scene.gas is not None:
             speeds = (scene.units.show(float(v), "velocity") for v in (radial, azimuthal))
             yield f"steady drift of {name}", "radial {}, azimuthal {}".format(*speeds)

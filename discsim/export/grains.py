@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from discsim.output.fields.base import PlotError
-from discsim.output.populations import grain_sizes, populations_of, small_dust_size
+from discsim.output.populations import grain_sizes, small_dust_size
+from discsim.scene.populations import populations_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -49,9 +49,9 @@ from discsim.output.fields.values import (
     smooth_profile,
     start_of,
 )
-from discsim.output.populations import populations_of
 from discsim.output.snapshot import Snapshot, read_snapshot
 from discsim.scene import load_scene
+from discsim.scene.populations import populations_of
 from discsim.version import __version__
 
 Array = np.ndarray

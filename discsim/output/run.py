@@ -21,12 +21,12 @@ from discsim.output.fields.display import DisplayOptions, display_options
 from discsim.output.fields.names import field_label, field_named, matching_fields, single_field
 from discsim.output.fields.values import smooth_profile
 from discsim.output.history import TEXT_COLUMNS, history_columns, read_checked_table
-from discsim.output.populations import populations_of
 from discsim.output.snapshot import Snapshot, SnapshotError, read_snapshot, snapshot_files
 from discsim.output.sources import read_for_fields, time_in_code, times_and_units
 from discsim.parts import Lazy
 from discsim.printable import printable
 from discsim.scene import Scene, load_scene
+from discsim.scene.populations import populations_of
 from discsim.scene.summary import Rows, Summarised
 
 if TYPE_CHECKING:

@@ -23,14 +23,15 @@ def report(scene: Scene) -> str:
     """Return the text that `discsim check` prints for a scene."""
     tables = {
         "derived numbers": derived_rows(scene),
-        "forecast": _forecast_rows(scene),
+        "forecast": [*_forecast_rows(scene)],
         "accuracy, estimated": accuracy_rows(scene) or [UNKNOWN_ACCURACY],
     }
+    width = max(34, *(len(name) for rows in tables.values() for name, _ in rows))  # 34: also for short names
     parts = [
         [scene.title or "(untitled)"],
         ["units", *(f"  {line}" for line in _unit_lines(scene.units))],
         ["effects", *(f"  {name:<18} {keys}" for name, keys in effect_lines(scene))],
-        *([title, *(f"  {name:<34} {value}" for name, value in rows)] for title, rows in tables.items()),
+        *([title, *(f"  {name:<{width}} {value}" for name, value in rows)] for title, rows in tables.items()),
         ["warnings", *(f"  {line}" for line in [*memory_warnings(scene), *warnings(scene)] or ["none"])],
     ]
     return "\n\n".join("\n".join(part) for part in parts)

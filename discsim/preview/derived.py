@@ -137,19 +137,18 @@ def _mass_rows(scene: Scene) -> Iterator[tuple[str, str]]:
     dimension = "mass" if scene.space.dimensions == 2 else "surface_density"
     if scene.gas:
         mass = gas_mass(scene)
-        yield "mass of the gas", scene.units.show(mass, dimension)
+        yield "mass of gas", scene.units.show(mass, dimension)
         if not scene.model.cells:
             mean, relative = (
                 mass / particle_count(scene, scene.gas),
                 start_of(scene).sample_all_gas(scene)[0].relative_mass,
             )
             ends = [mean] if relative is None else [mean * relative.min(), mean * relative.max()]
-            yield "mass of a gas particle", " to ".join(scene.units.show(end, dimension) for end in ends)
-    for i, (dust, mass) in enumerate(zip(scene.dust or (), dust_masses(scene), strict=True)):
-        which = f" {i}" if len(scene.dust or ()) > 1 else ""
-        yield f"mass of the dust{which}", scene.units.show(mass, dimension)
+            yield "particle mass of gas", " to ".join(scene.units.show(end, dimension) for end in ends)
+    for dust, mass, phrase in zip(scene.dust or (), dust_masses(scene), scene.dust_phrases, strict=True):
+        yield f"mass of {phrase}", scene.units.show(mass, dimension)
         if not scene.model.cells:
-            yield f"mass of a dust particle{which}", scene.units.show(mass / particle_count(scene, dust), dimension)
+            yield f"particle mass of {phrase}", scene.units.show(mass / particle_count(scene, dust), dimension)
 
 
 def _orbit_rows(scene: Scene, at: GasSamples) -> Iterator[tuple[str, str]]:
@@ -173,10 +172,10 @@ def _orbit_rows(scene: Scene, at: GasSamples) -> Iterator[tuple[str, str]]:
 def _drag_rows(scene: Scene, at: GasSamples) -> Iterator[tuple[str, str]]:
     times = stopping_times(scene, at)
     for i, time in enumerate(times):
-        which, dust = f" {i}" if len(times) > 1 else "", scene.dust[i]
+        which, dust = f" of {scene.dust_phrases[i]}" if len(times) > 1 else "", scene.dust[i]
         if has_sizes(dust):
             yield f"mass-weighted mean grain size{which}", scene.units.show(typical_size(dust), "length")
-            which += " of the mean size"
+            which = f" of the mean size{which}"
         if i == 0 and (formula := LAWS[scene.drag.law].formula) is not None:
             yield "formula of the stopping time", formula(scene)
         yield f"stopping time{which}", _quantity_texts(scene.units, time, "time")

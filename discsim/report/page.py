@@ -18,7 +18,6 @@ import jinja2
 from discsim.output.costtable import read_costs
 from discsim.output.files import refuse_special, replace_atomically
 from discsim.output.history import read_history
-from discsim.output.populations import populations_of
 from discsim.parts import EFFECTS, SCHEMES
 from discsim.preview.check import effect_lines
 from discsim.preview.derived import derived_rows
@@ -27,6 +26,7 @@ from discsim.printable import UserError, printable, printable_lines
 from discsim.report import figures
 from discsim.report.conservation import conserved_quantities
 from discsim.scene import Scene, load_scene
+from discsim.scene.populations import populations_of
 from discsim.scene.units import clock
 from discsim.study.outcomes import read_results, select_outcomes
 from discsim.userfiles import read_text

@@ -6,6 +6,7 @@ scene has its table.
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from copy import deepcopy
 from functools import cache
@@ -32,6 +33,7 @@ from discsim.scene.messages import (
 )
 from discsim.scene.orbits import OrbitalPeriods, show_time
 from discsim.scene.overrides import apply_options
+from discsim.scene.populations import populations_of
 from discsim.scene.reading import parse_scene, read_scene_text, refuse_deep, to_toml_types
 from discsim.scene.rules import Draft, Problem, broken_rules
 from discsim.scene.summary import Rows, Summarised
@@ -133,6 +135,12 @@ class Scene(Summarised, BaseModel):
     def named(self) -> tuple[str, ...]:
         """The names of the effects whose tables the scene has, in the order of a step."""
         return tuple(name for name in EFFECTS if self.table(name) is not None)
+
+    @property
+    def dust_phrases(self) -> tuple[str, ...]:
+        """What texts call each dust population, like 'dust "pebbles"' or "dust 1 mm"; "dust" if there is one."""
+        found = populations_of(tomllib.loads(self.text))
+        return tuple(each.phrase for each in found) if len(found) > 1 else ("dust",) * len(found)
 
     def summary(self) -> tuple[str, Rows]:
         """Return the title, and the rows (name, value) for display."""

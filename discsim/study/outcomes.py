@@ -22,9 +22,10 @@ import numpy as np
 
 from discsim.output.costtable import read_costs
 from discsim.output.history import TEXT_COLUMNS, history_columns, read_history
-from discsim.output.populations import only_population, populations_of
+from discsim.output.populations import only_population
 from discsim.output.snapshot import SnapshotParticles, read_snapshot
 from discsim.scene import Scene, nearest_hint
+from discsim.scene.populations import populations_of
 from discsim.study.errors import is_disc
 from discsim.study.measures import clump_fraction, mode_amplitudes
 from discsim.study.points import StudyError

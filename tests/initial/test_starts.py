@@ -100,7 +100,7 @@ def stream(tmp_path, monkeypatch):
 def test_a_start_of_another_package_is_checked(stream):
     done = CliRunner().invoke(app, ["check", str(stream)])
     assert done.exit_code == 0, done.output
-    assert re.search(r"mass of the gas +2\n", done.output) and "at   " in done.output and "everywhere" in done.output
+    assert re.search(r"mass of gas +2\n", done.output) and "at   " in done.output and "everywhere" in done.output
     assert "initial.speed = 2 is fast" in done.output
     done = CliRunner().invoke(app, ["effects"])
     assert 'initial.kind = "stream": Gas that moves.' in done.output and "speed " in done.output

@@ -252,7 +252,7 @@ def test_previews_know_the_masses_of_a_resolution(tmp_path):
     sim = Simulation(given)
     np.testing.assert_allclose(gas_at_start(sim.scene).h, sim.scene.gas.eta * (np.pi * 8.0 / 12_000) ** 0.5, rtol=1e-6)
     rows = dict(derived_rows(sim.scene))
-    least, most = (float(text) for text in rows["mass of a gas particle"].split(" to "))
+    least, most = (float(text) for text in rows["particle mass of gas"].split(" to "))
     # Of rings, which are .05 wide in a gap of .25.
     assert least == pytest.approx(sim.gas.mass.min(), rel=0.1) and most == pytest.approx(sim.gas.mass.max(), rel=0.1)
     sim.operators.forces()

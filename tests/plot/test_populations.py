@@ -15,11 +15,11 @@ from discsim.output.fields.base import FieldError
 from discsim.output.fields.display import display_options
 from discsim.output.fields.names import field_label, species_text
 from discsim.output.figure import last_state_figure
-from discsim.output.populations import populations_of
 from discsim.plot.film import Film
 from discsim.plot.request import Request
 from discsim.report.page import _fact_rows
 from discsim.scene import SceneError, load_scene
+from discsim.scene.populations import populations_of
 from discsim.study.outcomes import _snapshot_values, outcomes_of
 
 TIME = 11.0

@@ -1,7 +1,10 @@
 """What `discsim check` says of a scene: derived numbers, and warnings, each with its number and its cure."""
 
+import re
+
 import pytest
 from scenes import DISC, write
+from two_sizes import TABLES
 from typer.testing import CliRunner
 
 from discsim import Simulation
@@ -51,7 +54,31 @@ def test_derived_numbers_of_a_disc(tmp_path):
     assert rows["Stokes number"] == "0.03, 0.165, 0.3"
     assert rows["formula of the stopping time"].endswith("St = (pi/2) s rho_s / Sigma")
     assert rows["orbital period"].startswith("31.62 yr")  # 10^1.5
-    assert rows["mass of a dust particle"] == "0.001665 Mearth"  # 1e-3 Msun / 2e5
+    assert rows["particle mass of dust"] == "0.001665 Mearth"  # 1e-3 Msun / 2e5
+
+
+def test_populations_have_their_names_or_sizes():
+    """Masses are 1% and 2% of the gas's 0.01 Msun; the Stokes numbers of 1 mm and 5 cm grains differ by a factor 50."""
+    huge = TABLES["dust"][1] | {"grain_size": "90 m", "name": "1 km"}
+    scene = load_scene(TABLES | {"dust": [*TABLES["dust"], huge], "dust_diffusion": {"alpha": 0.003}})
+    rows, names = dict(derived_rows(scene)), ("dust 1 mm", 'dust "pebbles"', 'dust "1 km"')
+    assert [rows[f"mass of {name}"] for name in names] == ["0.0001 Msun", "0.0002 Msun", "0.0002 Msun"]
+    numbers = [float(rows[f"Stokes number of {name}"].split(",")[0]) for name in names]
+    assert numbers[1] / numbers[0] == pytest.approx(50.0, rel=0.01)  # three digits
+    for start in ("particle mass", "stopping time", "diffusion coefficient", "diffusion time over H"):
+        assert {f"{start} of {name}" for name in names} <= set(rows)
+    assert [line.partition(":")[0] for line in warnings(scene) if ": St = " in line] == ['dust "1 km"']
+    columns = {line.index("Msun") for line in report(scene).splitlines() if line.startswith("  mass of dust")}
+    assert len(columns) == 1
+
+
+def test_the_number_of_grid_cells_that_a_collapse_needs_is_enough(tmp_path):
+    path = write(tmp_path, DISC)
+    (line,) = [line for line in warnings(load_scene(path, ["space.cells=8"])) if "collapsing region" in line]
+    enough = int(re.search(r"raise space.cells from 8 to (\d+)$", line)[1])
+    for cells, count in ((enough, 0), (enough - 1, 1)):
+        found = warnings(load_scene(path, [f"space.cells={cells}"]))
+        assert len([line for line in found if "collapsing region" in line]) == count
 
 
 def test_toomre_q_is_the_least_of_the_disc(tmp_path):
@@ -62,7 +89,7 @@ def test_toomre_q_is_the_least_of_the_disc(tmp_path):
 
 def test_check_of_every_start(tmp_path):
     sheet = load_scene(write(tmp_path, SHEET))
-    assert dict(derived_rows(sheet))["mass of a gas particle"] == "0.0009766"  # 1 * 1 * 0.5 / 512
+    assert dict(derived_rows(sheet))["particle mass of gas"] == "0.0009766"  # 1 * 1 * 0.5 / 512
     assert dict(derived_rows(sheet))["grid"] == "32 x 16 cells of 0.03125"
     # density, potential, two gradients; 32 x 9 complex numbers; a quadrant of 17 x 9 of the kernel.
     assert grid_bytes(sheet, [32, 16]) == 8 * (4 * 32 * 16 + 2 * 32 * 9 + 17 * 9)
@@ -82,7 +109,7 @@ def test_check_of_every_start(tmp_path):
     initial = {kind = "box", density = 3}
     dust = {particles = 10, ratio = 0.5}
     """
-    assert dict(derived_rows(load_scene(write(tmp_path, box))))["mass of a dust particle"] == "0.3"
+    assert dict(derived_rows(load_scene(write(tmp_path, box))))["particle mass of dust"] == "0.3"
     assert check(write(tmp_path, box)).exit_code == 0
 
 

@@ -147,8 +147,8 @@ def test_masses_are_those_of_the_particles_that_there_are():
     """1000 particles in a square are 32 x 31 of them, 2000 are 45 x 44."""
     sim, rows = Simulation(load_scene(BOX)), rows_of(BOX)
     assert (sim.gas.count, sim.dust.count) == (992, 1980)
-    assert numbers(rows["mass of a gas particle"]) == pytest.approx([sim.gas.mass[0]], rel=1e-3)
-    assert numbers(rows["mass of a dust particle"]) == pytest.approx([sim.dust.mass[0]], rel=1e-3)
+    assert numbers(rows["particle mass of gas"]) == pytest.approx([sim.gas.mass[0]], rel=1e-3)
+    assert numbers(rows["particle mass of dust"]) == pytest.approx([sim.dust.mass[0]], rel=1e-3)
     # h of an even lattice under the cubic kernel is right to some per cent, against .8% of the number's own rounding.
     sim.step()
     assert numbers(rows["smoothing length h"])[0] == pytest.approx(sim.gas.h.mean(), rel=4e-3)
