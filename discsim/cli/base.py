@@ -103,7 +103,7 @@ WithoutOption = Annotated[
 UntilOption = Annotated[
     str | None, typer.Option(metavar="T", help='End time in place of run.until, like "100 yr" or "40 orbits".')
 ]
-QuietOption = Annotated[bool, typer.Option("--quiet", help="Do not show progress.")]
+QuietOption = Annotated[bool, typer.Option("--quiet", help="Show only warnings and errors, on standard error.")]
 VaryOption = Annotated[
     list[str] | None,
     typer.Option(

@@ -84,6 +84,9 @@ class NullReporter(RootReporter):
     def say(self, text: str) -> None:
         pass
 
+    def warn(self, text: str) -> None:
+        pass
+
     def compiling(self, count: int, name: str) -> None:
         pass
 

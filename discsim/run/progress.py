@@ -42,7 +42,7 @@ class CompilationListener(event.Listener):
 class Progress:
     """Reporter of a run. Errors go to stderr, all other messages to stdout, and all messages also to run.log.
 
-    quiet: whether nothing is written to stdout.
+    quiet: whether nothing is written to stdout; warnings then go to stderr.
     """
 
     def __init__(self, scene: Scene, quiet: bool) -> None:
@@ -68,12 +68,17 @@ class Progress:
         if not self.quiet:
             self.screen.line(printable(text))
 
+    def warn(self, text: str) -> None:
+        """Write a warning to the screen, in a quiet run to stderr, and to the log."""
+        self.say(f"warning: {text}")
+        if self.quiet:
+            _print_error(printable(f"warning: {text}"))
+
     def fail(self, *lines: str) -> None:
         """Print an error message of one or more lines on stderr, and write it to the log."""
         text = "\n".join(map(printable, lines))
         self.screen.clear()
-        with suppress(OSError):  # the terminal may be gone
-            print(text, file=sys.stderr)
+        _print_error(text)
         if self._log is not None:
             with suppress(OSError):  # the log itself may have failed
                 self.note(text)
@@ -177,3 +182,9 @@ class Progress:
         for row in (f"effects: {', '.join(self.scene.effects)}", facts["time"], bar, facts["dt"], speed):
             frame.add_row(row)
         self.screen.frame(frame)
+
+
+def _print_error(text: str) -> None:
+    """Print a text on stderr."""
+    with suppress(OSError):  # the terminal may be gone
+        print(text, file=sys.stderr)

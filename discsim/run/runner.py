@@ -235,9 +235,9 @@ class Run:
         self.checkpoints.refuse_lost_snapshots(self.directory / "snapshots", self.snapshots, self.last_output)
         if self.checkpoints.fault:
             goes_on = f"the run resumes from {self.checkpoints.chosen}, at t = {self._time_text(reached)}"
-            self.progress.say(f"warning: {self.checkpoints.fault}; {goes_on}")
+            self.progress.warn(f"{self.checkpoints.fault}; {goes_on}")
         if remark := other_version_warning(values):
-            self.progress.say(f"warning: {remark}")
+            self.progress.warn(remark)
         return reached
 
     def _make_simulation(self, to_restore: bool) -> Simulation:
@@ -253,11 +253,10 @@ class Run:
         for name, text in effect_rows(self.scene):
             say(f"{name}: {text}")
         for line in warnings(self.scene):
-            say(f"warning: {line}")
+            self.progress.warn(line)
         if not locked:
-            say(
-                f"warning: {self.directory} cannot be locked: do not start a second run in the directory, as "
-                f"files would mix"
+            self.progress.warn(
+                f"{self.directory} cannot be locked: do not start a second run in the directory, as files would mix"
             )
         say("loading kernels")
 
@@ -274,7 +273,7 @@ class Run:
         if resume:
             self.progress.say(f"resumed {self.time_and_step()}")
             for line in remarks:
-                self.progress.say(f"warning: {line}")
+                self.progress.warn(line)
 
     def _make_records(self) -> Records:
         return Records(self.scene, self.directory)

@@ -37,7 +37,8 @@ def simulate(
         Whether to continue a run that is already in the directory. If it is finished, it is opened. If there is none,
         a new run begins.
     progress : bool, optional
-        Whether to show the lines of the command; run.log has them in any case.
+        Whether to show the lines of the command; run.log has them in any case. Warnings are shown without it too, on
+        standard error.
 
     Returns
     -------

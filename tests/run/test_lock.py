@@ -98,6 +98,14 @@ def test_a_file_system_without_locks_is_told(tmp_path, monkeypatch, capsys):
     assert run_scene(scene_of(tmp_path, WAVE), tmp_path / "out") == 0
     assert f"warning: {tmp_path / 'out'} cannot be locked" in capsys.readouterr().out
     assert not (tmp_path / "out" / ".lock").exists()
+    assert run_scene(scene_of(tmp_path, WAVE), tmp_path / "output", quiet=True) == 0
+    said = capsys.readouterr()
+    assert (
+        said.out == ""
+        and said.err.startswith(f"warning: {tmp_path / 'output'} cannot be locked")
+        and said.err.count("\n") == 1
+    )
+    assert said.err in (tmp_path / "output" / "run.log").read_text()
 
 
 @pytest.mark.faults
