@@ -5,7 +5,7 @@ import shutil
 
 import numpy as np
 import pytest
-from runs import assert_same_files
+from runs import assert_same_files, errors_of
 from short import short
 
 from discsim import read_snapshot
@@ -135,5 +135,5 @@ def test_two_damaged_checkpoints_are_one_message(run, tmp_path, capsys):
     capsys.readouterr()
     assert run_scene(scene, out, resume=True, quiet=True) == 2
     said = capsys.readouterr()
-    assert said.out == "" and len(said.err.splitlines()) == 1 and said.err.count("or a damaged") == 2
+    assert said.out == "" and len(errors_of(said.err)) == 1 and said.err.count("or a damaged") == 2
     assert sorted(path.name for path in out.iterdir()) == before

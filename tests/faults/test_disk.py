@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from deaths import in_pieces, watched
 from disks import Flushed, Limited, Memory
-from runs import DISC, WAVE, assert_same_files, at_step, rows, scene_of
+from runs import DISC, WAVE, assert_same_files, at_step, errors_of, rows, scene_of
 from short import ALWAYS
 
 from discsim import read_snapshot
@@ -47,7 +47,7 @@ def fails(scene, out, capsys, words, resume=False):
     capsys.readouterr()
     assert run_scene(scene, out, resume=resume, quiet=True) == 1
     said = capsys.readouterr()
-    assert said.out == "" and len(said.err.splitlines()) == 1 and words in said.err
+    assert said.out == "" and len(errors_of(said.err)) == 1 and words in said.err
     for path in out.glob("snapshots/*.h5"):
         read_snapshot(path)
     for path in out.glob("checkpoint*.h5"):
@@ -139,8 +139,8 @@ def test_a_disk_that_becomes_read_only(tmp_path, run, monkeypatch, capsys):
             fails(scene, out, capsys, "Read-only file system")
         disk.protect(pages, False)
         assert run_scene(scene, out, resume=True, quiet=True) in (1, 2)
-        said = capsys.readouterr().err
-        assert len(said.splitlines()) == 1 and ("Read-only file system" in said or "is not writable" in said)
+        (said,) = errors_of(capsys.readouterr().err)
+        assert "Read-only file system" in said or "is not writable" in said
         disk.protect(pages, True)
         assert go_on(scene, out) == "resumed"
         assert_same_files(straight, out)

@@ -96,6 +96,11 @@ def scene_of(tmp_path, text, *overrides, without=()):
     return load_scene(path, overrides, without)
 
 
+def errors_of(text):
+    """The lines on standard error of a quiet run, without the warnings of its scene."""
+    return [line for line in text.splitlines() if not line.startswith("warning: ")]
+
+
 def rows(directory, name="history.csv"):
     with (directory / name).open(newline="") as file:
         return list(csv.DictReader(file))

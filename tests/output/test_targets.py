@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from runs import SHOCK, scene_of
+from runs import SHOCK, errors_of, scene_of
 from typer.testing import CliRunner
 
 import discsim
@@ -111,7 +111,7 @@ def test_a_run_does_not_replace_what_is_no_plain_file(tmp_path, name, capfd):
     scene = scene_of(tmp_path, SHOCK, "run.until=0.003")
     status = run_scene(scene, out, quiet=True)
     said = capfd.readouterr()
-    assert status in (1, 2) and said.err.splitlines()[0].startswith(str(out)) and "Traceback" not in said.err
+    assert status in (1, 2) and errors_of(said.err)[0].startswith(str(out)) and "Traceback" not in said.err
     assert mode_of(out / name) == stat.S_IFIFO
 
 

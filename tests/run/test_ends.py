@@ -10,7 +10,7 @@ import time
 import numpy as np
 import pytest
 from operating import replace_operator
-from runs import DISC, WAVE, assert_same_run, at_step, contents, rows, scene_of
+from runs import DISC, WAVE, assert_same_run, at_step, contents, errors_of, rows, scene_of
 
 from discsim import Simulation
 from discsim.numerics.operators import ALL, Limit
@@ -209,7 +209,8 @@ def test_ctrl_c_on_the_command_line(tmp_path):
     reached = float(read_checkpoint(out / "checkpoint.h5")[1]["time"])
     done = next(t for t in output_times(scene.run) if t > reached)
     child = command("run", out / "scene.toml", "-o", out, "--resume", "--until", repr(done), "--quiet")
-    assert child.communicate(timeout=300) == ("", "") and child.returncode == 0
+    text, message = child.communicate(timeout=300)
+    assert (text, errors_of(message), child.returncode) == ("", [], 0)
     straight = tmp_path / "straight"
     assert run_scene(scene_of(tmp_path, scene.text, f"run.until={done!r}"), straight, quiet=True) == 0
     assert_same_run(straight, out)

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from runs import DISC, assert_resumes, at_step, scene_of, state_bits
+from runs import DISC, assert_resumes, at_step, errors_of, scene_of, state_bits
 
 from discsim import Simulation
 from discsim.numerics.bodies import Bodies
@@ -168,7 +168,7 @@ def test_a_wrong_count_of_snapshots_removes_none(tmp_path, number, monkeypatch, 
     capsys.readouterr()
     assert run_scene(disc(tmp_path, "run.until=0.06"), out, resume=True, quiet=True) == 2
     said = capsys.readouterr()
-    assert len(said.err.splitlines()) == 1 and "snapshots" in said.err and f"{out}/checkpoint.h5" in said.err
+    assert len(errors_of(said.err)) == 1 and "snapshots" in said.err and f"{out}/checkpoint.h5" in said.err
     assert sorted(path.name for path in (out / "snapshots").iterdir()) == kept
 
 
@@ -246,7 +246,8 @@ def test_a_companion_that_has_yet_to_begin_has_no_mass(with_companion):
 def test_what_an_effect_spoils_is_one_message_of_a_run(tmp_path, monkeypatch, capsys):
     at_step(monkeypatch, 3, lambda sim: sim.dust.species.__setitem__(3, 2))
     assert run_scene(disc(tmp_path, "run.checkpoint_every=1e-9 s"), tmp_path / "out", quiet=True) == 2
-    assert capsys.readouterr().err == "dust.species[3] is 2; expected a population of the scene, 0 to 1\n"
+    (said,) = errors_of(capsys.readouterr().err)
+    assert said == "dust.species[3] is 2; expected a population of the scene, 0 to 1"
 
 
 def test_checks_change_no_bit_of_what_goes_on(tmp_path):

@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from runs import DISC, SHOCK, WAVE, assert_same_run, at_step, bits_of, rows, scene_of, state_bits
+from runs import DISC, SHOCK, WAVE, assert_same_run, at_step, bits_of, errors_of, rows, scene_of, state_bits
 
 from discsim import Simulation, read_snapshot
 from discsim.run.costs import Costs
@@ -271,7 +271,7 @@ def test_stopped_and_resumed(tmp_path, monkeypatch, straight, name, step, capsys
         assert run_scene(scene, broken, quiet=True) == 130
     assert int(rows(broken)[-1]["step"]) == step
     said = capsys.readouterr()
-    assert said.out == "" and len(said.err.splitlines()) == 1
+    assert said.out == "" and len(errors_of(said.err)) == 1
     assert f"interrupted by SIGINT at t = {float(rows(broken)[-1]['time']):.4g}, step {step}" in said.err
     assert f"discsim run {broken}/scene.toml -o {broken} --resume" in said.err
     assert run_scene(scene, broken, resume=True, quiet=True) == 0
