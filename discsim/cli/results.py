@@ -110,7 +110,11 @@ def plot(
     ] = None,
     compare: Annotated[
         Path | None,
-        typer.Option(metavar="DIR|FILE", help="Run to compare with the first run: draw the ratio or difference."),
+        typer.Option(
+            metavar="DIR|FILE",
+            help="Second run: draw also its ratio to the single first one, or the difference. For maps, --polar and "
+            "--time; to compare profiles, give DIR DIR --profile.",
+        ),
     ] = None,
     window: WindowOption = None,
     limits: Annotated[
@@ -186,13 +190,14 @@ def movie(
     style: StyleOption = None,
     dpi: DpiOption = None,
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="FILE", help="Film: mp4 or gif [mp4 with the extra movie].")
+        Path | None,
+        typer.Option("-o", "--output", metavar="FILE", help="Film: mp4 or gif [mp4; gif without the extra movie]."),
     ] = None,
 ) -> None:
     """Make a film of a run, with one frame for each snapshot."""
     from discsim.output.fields.display import display_options
     from discsim.output.style import use_style
-    from discsim.plot.film import Film, default_path
+    from discsim.plot.film import Film, default_path, mp4_obstacle
 
     with exit_on_fault("written", "the figure"), use_style(style, "--"):
         display = display_options(
@@ -204,6 +209,8 @@ def movie(
         path = output or default_path(film)
         film.save(path, _progress_reporter())
     show(path)
+    if output is None and path.suffix == ".gif":
+        print(f"the film is a gif: {mp4_obstacle()}", file=sys.stderr)
 
 
 def _progress_reporter() -> Callable[[int, int], None]:

@@ -22,7 +22,14 @@ from discsim.output.fields.base import PlotError
 from discsim.output.fields.display import DisplayOptions
 from discsim.output.files import refuse_special, replace_atomically
 from discsim.output.snapshot import snapshot_files
-from discsim.output.sources import NamedSnapshot, read_for_fields, run_directory, run_name, times_and_units
+from discsim.output.sources import (
+    NamedSnapshot,
+    read_for_fields,
+    region_of_runs,
+    run_directory,
+    run_name,
+    times_and_units,
+)
 from discsim.parts import install_command
 from discsim.plot import compose, marks, overlays, pictures
 from discsim.plot.compose import PanelFigure
@@ -85,8 +92,7 @@ class Film:
         more = overlays.needed_fields(self.display)
         last = read_for_fields(files[-1], [*wanted, *more])
         names = compose.unique_names(compose.available_names(words, [last], self.populations))
-        # One window for all frames; it contains the windows of the first and the last snapshot.
-        display = self.display.common_to([read_for_fields(files[k], names) for k in (0, -1)], self.kind)
+        display = region_of_runs(self.display, [files], self.kind)
         start = marks.start_snapshot(files[-1], last, names, self.kind, display)
         norms = self._colour_ranges(files, names, replace(display, contours=None, streamlines=None))
         for number, file in enumerate(files, 1):
@@ -118,10 +124,10 @@ class Film:
 def default_path(film: Film) -> Path:
     """Return the default path of a film, in the folder "plots" of its run.
 
-    The format is mp4 if imageio-ffmpeg is installed, else gif.
+    The format is mp4, or gif if mp4 cannot be written (`mp4_obstacle`).
     """
     directory = run_directory(film.source) or film.source.parent
-    ending = ".mp4" if find_spec("imageio_ffmpeg") else ".gif"
+    ending = ".gif" if mp4_obstacle() else ".mp4"
     return directory / "plots" / f"{file_stem(film.words, film.populations, film.kind)}{ending}"
 
 
@@ -131,10 +137,22 @@ def writer_of(path: Path) -> Callable[[Path, Iterator[Image.Image], float], None
         return _write_gif
     if path.suffix.lower() != ".mp4":
         raise PlotError(f"{path}: unknown film format; expected a name that ends in .mp4 or .gif")
-    if not find_spec("imageio_ffmpeg"):
-        remedy = f"use -o NAME.gif, or run: {install_command('movie')}"
-        raise PlotError(f"{path}: mp4 needs imageio-ffmpeg, which is not installed; {remedy}")
+    if obstacle := mp4_obstacle():
+        raise PlotError(f"{path}: {obstacle}; or use -o NAME.gif")
     return _write_mp4
+
+
+def mp4_obstacle() -> str:
+    """Return why no mp4 can be written, with the remedy, as text; "" if it can."""
+    if not find_spec("imageio_ffmpeg"):
+        return f"mp4 needs imageio-ffmpeg, which is not installed; run: {install_command('movie')}"
+    import imageio_ffmpeg
+
+    try:
+        imageio_ffmpeg.get_ffmpeg_exe()
+    except RuntimeError:  # no program comes with the package for this machine, and there is none in PATH
+        return "mp4 needs the program ffmpeg, which is not found; install it, or set IMAGEIO_FFMPEG_EXE to its path"
+    return ""
 
 
 def _write_gif(path: Path, frames: Iterator[Image.Image], rate: float) -> None:

@@ -1,7 +1,9 @@
 """Figures of runs: each kind is drawn from small snapshots, scales are shared, and faults are one message."""
 
+import shutil
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -285,6 +287,23 @@ def test_films_without_their_library(run, tmp_path, monkeypatch):
         discsim.plot.movie(run, tmp_path / "a.mp4")
     with pytest.raises(PlotError, match="unknown film format"):
         discsim.plot.movie(run, tmp_path / "a.avi")
+    copy = shutil.copytree(run, tmp_path / "copy")
+    done = command("movie", copy, "--field", "dust.surface_density", "--dpi", 40)
+    assert done.exit_code == 0 and done.stdout == f"{copy / 'plots' / 'dust.surface_density-map.gif'}\n"
+    assert done.stderr.splitlines()[-1].startswith(
+        "the film is a gif: mp4 needs imageio-ffmpeg, which is not installed"
+    )
+
+
+def test_films_without_the_program_of_their_library(tmp_path, monkeypatch):
+    def absent():
+        raise RuntimeError("No ffmpeg exe could be found.")
+
+    monkeypatch.setattr("discsim.plot.film.find_spec", lambda name: True)
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", SimpleNamespace(get_ffmpeg_exe=absent))
+    done = command("movie", tmp_path, "-o", tmp_path / "a.mp4")
+    assert done.exit_code == 2 and done.stderr.count("\n") == 1
+    assert done.stderr.startswith(f"{tmp_path / 'a.mp4'}: mp4 needs the program ffmpeg, which is not found; install it")
 
 
 def test_importing_discsim_imports_no_matplotlib():
