@@ -22,7 +22,7 @@ from discsim.output.fields.names import field_label, field_named, matching_field
 from discsim.output.fields.values import smooth_profile
 from discsim.output.history import TEXT_COLUMNS, history_columns, read_checked_table
 from discsim.output.snapshot import Snapshot, SnapshotError, read_snapshot, snapshot_files
-from discsim.output.sources import read_for_fields, time_in_code, times_and_units
+from discsim.output.sources import read_for_fields, region_of_runs, time_in_code, times_and_units
 from discsim.parts import Lazy
 from discsim.printable import printable
 from discsim.scene import Scene, load_scene
@@ -226,7 +226,7 @@ class Run(Summarised):
         field : str
             Name of the field, like "gas.surface_density", or "dust.0.v_r" of one population of dust.
         window : str, Quantity or array_like, optional
-            Range of radii like "80 au" or "10 au,80 au"; by default that of the disc in the first snapshot.
+            Range of radii like "80 au" or "10 au,80 au"; by default that of the disc in the first and last snapshot.
         **options
             `wavelength` and `opacity` as in `Snapshot.field`; with `log_radius=True` the rings are equally spaced in
             the logarithm of the radius.
@@ -346,13 +346,13 @@ def profiles_in_time(
 ) -> tuple[Array, dict[str, Array]]:
     """Return the edges of rings (in 1D of bins in x), and the values [time, ring] of fields, in code units.
 
-    By default the range of radii is that of the disc in the first snapshot. `visit` is called with each snapshot.
+    By default the range of radii contains those of the first and last snapshot. `visit` is called with each snapshot.
     """
-    first, rows = read_for_fields(files[0], names), []
+    display, rows = region_of_runs(display, [files], "time"), []
     edges = np.empty(0)
     for path in files:
         snap = read_for_fields(path, names)
-        edges, binned = smooth_profile(snap, display.radii(first), display.optics, display.log_radius)
+        edges, binned = smooth_profile(snap, display.radii(snap), display.optics, display.log_radius)
         if visit is not None:
             visit(snap)
         rows.append([binned[name] for name in names])

@@ -1,4 +1,4 @@
-"""Selection of snapshots by time, from directories of runs or single files, without reading particles."""
+"""Snapshots of directories of runs or of single files: selection by time, reading, and the region of a whole run."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,6 +17,9 @@ from discsim.output.snapshot import Snapshot, SnapshotError, read_snapshot, snap
 from discsim.output.snapshot_entries import scene_text_of, tables_of, time_of, units_of
 from discsim.scene.orbits import mentions_orbits, time_in_code_units
 from discsim.scene.units import UnitError, Units, clipped
+
+if TYPE_CHECKING:
+    from discsim.output.fields.display import DisplayOptions
 
 Source = Snapshot | str | Path
 
@@ -111,3 +114,26 @@ def read_for_fields(source: Source, names: Iterable[str]) -> Snapshot:
     if isinstance(source, Snapshot):
         return source.about_centre()
     return read_snapshot(snapshot_files(source)[-1], needed_columns(names)).about_centre()
+
+
+def region_of_runs(display: DisplayOptions, runs: Iterable[Sequence[Path]], kind: str) -> DisplayOptions:
+    """Return display options with one region for runs: it contains those of the first and last snapshot of each.
+
+    `runs` are the files of each run in the order of time. Raises PlotError, SnapshotError.
+    """
+    return display.common_to([read_for_fields(files[k], ()) for files in runs for k in (0, -1)], kind)
+
+
+def region_of_profiles(display: DisplayOptions, sources: Sequence[Source], snaps: Sequence[Snapshot]) -> DisplayOptions:
+    """Return display options with the region of profiles of `snaps`: that of the runs from which `sources` are.
+
+    Snapshots outside a run, and those of a run with unreadable snapshots, have their own region. Raises PlotError.
+    """
+    try:
+        files = [snapshot_files(each)[-1] for each in sources if not isinstance(each, Snapshot)]
+        folders = [run_directory(each) for each in files]
+        if len(folders) == len(snaps) and all(folders):
+            return region_of_runs(display, [snapshot_files(each) for each in folders if each], "profile")
+    except SnapshotError:
+        pass
+    return display.common_to(snaps, "profile")

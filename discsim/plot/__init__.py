@@ -18,7 +18,7 @@ from discsim.output.fields.base import FieldError, PlotError
 from discsim.output.fields.display import DisplayOptions, display_options
 from discsim.output.fields.names import available_fields, field_named, field_rows, matching_fields, species_text
 from discsim.output.snapshot import Snapshot, snapshot_files
-from discsim.output.sources import Source, read_for_fields
+from discsim.output.sources import Source, read_for_fields, region_of_profiles
 from discsim.output.style import use_style
 from discsim.plot import curves, marks, overlays, pictures
 from discsim.plot.compose import colour_range
@@ -125,8 +125,8 @@ def profile(source: Source, field: str = "surface_density", ax: Axes | None = No
     PlotError, FieldError, SnapshotError
         If an argument is invalid, the run lacks the field, or a snapshot cannot be read.
     """
-    display = display_options(**options).used_for("profile")
     snap, ax = read_for_fields(source, matching_fields(field)), axes_or_new(ax)
+    display = region_of_profiles(display_options(**options).used_for("profile"), [source], [snap])
     names = available_fields(field, snap)
     for name, curve in curves.profile_curves(snap, names, display).items():
         label = species_text(name, snap, of_each=snap.dimensions == 1)
@@ -217,7 +217,8 @@ def movie(
     source : str or Path
         Directory of a run.
     path : str or Path, optional
-        File to write, ending in .mp4 (needs the extra `movie`) or .gif; by default in `plots` of the run.
+        File to write, ending in .mp4 (needs the extra `movie`) or .gif; by default in `plots` of the run, an mp4, or
+        without this extra a gif.
     *words : str
         Names of the fields; by default "surface_density".
     rate : float

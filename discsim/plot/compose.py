@@ -7,10 +7,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.colors import LogNorm, Normalize
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import ListedColormap, LogNorm, Normalize
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from discsim.output import style
 from discsim.output.drawing import (
@@ -29,6 +33,7 @@ from discsim.output.drawing import (
     axes_at,
     broken,
     common_norm,
+    draw_colour_bar,
     draw_picture,
     draw_scale_bar,
     figure_text,
@@ -47,7 +52,7 @@ from discsim.output.fields.names import (
     split_population,
     with_populations,
 )
-from discsim.output.ink import text_scale
+from discsim.output.ink import line_colour, shade, text_scale
 from discsim.output.populations import population_of
 from discsim.output.snapshot import Snapshot
 from discsim.output.sources import NamedSnapshot
@@ -57,6 +62,8 @@ MAX_PANELS_PER_ROW = 3  # in a figure of one run
 PROFILE_WIDTH = 1.25  # width of a profile in units of the width of a map
 # Colours of Okabe & Ito (2008).
 RUN_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+MAX_TIMES = 6  # largest number of times of a run that a legend of profiles lists
+LIGHTEST_TIME = 0.9  # of viridis, whose end is faint on white
 Norms = Mapping[str, Normalize]
 Panel = Callable[[Axes, bool], None]  # draws on axes, with True for a colour bar below them
 
@@ -75,23 +82,29 @@ class PanelFigure:
     notes: list[str] = field(default_factory=list)
     has_titles: bool = False  # whether panels have titles
     extra_space: float = 0.0  # additional space between panels, in inches
+    has_bars: bool = False  # whether profiles have colour bars
 
     @property
     def is_single(self) -> bool:
         """True if the figure has one panel."""
         return len(self.rows) == 1 and len(self.rows[0]) == 1
 
-    def figure(self, dpi: int | None = None) -> Figure:
-        """Return the figure, with a canvas that does not depend on pyplot; by default `dpi` is that of the style."""
+    def figure(self, dpi: int | None = None, room: float = 0.0) -> Figure:
+        """Return the figure, with a canvas that does not depend on pyplot; by default `dpi` is that of the style.
+
+        `room` is the height in inches of legends below axes; if they need more, the figure is drawn again.
+        """
         look, text = style.current(), text_scale()
         below = self.is_single or look.several is not None
-        has_bar = below and self.width != PROFILE_WIDTH
+        is_profile = self.width == PROFILE_WIDTH
+        has_bar = below and (self.has_bars or not is_profile)
         most, down = max(len(panels) for panels in self.rows), len(self.rows)
         left = (LEFT - 0.1 if below else LEFT) * text
         right = (0.15 if below else COLUMN - MAP - LEFT + self.extra_space) * text
-        under = (BELOW + (BAR_BELOW[2] if has_bar else 0.0)) * text
+        close = (BELOW + (BAR_BELOW[2] if has_bar else 0.0)) * text
+        under = close + room
         between = (0.5 if self.has_titles else 0.25) * text  # above the axes of a row
-        end = 0.1 if below else 0.2 if self.width == 1.0 else RIGHT - 0.9
+        end = 0.1 if below else RIGHT - 0.9 if is_profile and not self.has_bars else 0.2
         total = (look.one if self.is_single else look.several) or 0.0
         lines = self._lines(total if below else most * (left + MAP * self.width + right) + end)
         top = (0.2 + look.line * len(lines) + (0.25 if self.has_titles else 0.0)) * text
@@ -108,6 +121,9 @@ class PanelFigure:
             bottom = under + row * (down - 1 - number)
             for across, panel in enumerate(panels):
                 panel(axes_at(figure, left + pitch * across, bottom, side * self.width, side), below)
+        needed = max(curves.legend_height(axes, close) for axes in figure.axes)
+        if needed > room:
+            return self.figure(dpi, needed + 0.1 * text)
         figure.suptitle("\n".join(lines), y=1.0 - 0.12 * text / size[1], va="top", fontsize=12 * text)
         return figure
 
@@ -250,12 +266,12 @@ def _picture_panel(picture: Picture, norm: Normalize, title: str, colours: Any =
 
 def profile_panels(
     snaps: Sequence[Snapshot], names: Sequence[Sequence[str]], titles: Sequence[str], display: DisplayOptions,
-    start: Snapshot | None = None,
+    start: Snapshot | None = None, times: TimeColours | None = None,
 ) -> list[list[Panel]]:  # fmt: skip
     """Return the panels of profiles. Each panel has the curves of all runs for the fields in one entry of `names`.
 
     `titles` are the names of the runs for the legend. `start` is the first snapshot of the run, for marks of a single
-    snapshot.
+    snapshot. With `times` a colour bar shows the times of the snapshots.
     """
     names = joined_populations(names)
     found = [curves.profile_curves(snap, unique_names(names), display) for snap in snaps]
@@ -265,13 +281,65 @@ def profile_panels(
             for number, (snap, curve, title) in enumerate(zip(snaps, found, titles, strict=True)):
                 for name in several:
                     style = _line_style(name, snap, number, several, title, len(snaps))
+                    style |= {} if times is None else {"color": times.colour(snap.time)}
                     curves.draw_curve(axes, snap, curve[name], field_named(name), **style)
+            of_curves = len(axes.get_legend_handles_labels()[0])
             marks.draw_on_profile(axes, snaps, several, display, start)
             curves.finish_profile(axes, snaps[0], several, display)
+            handles, distance = axes.get_legend_handles_labels()[0], BELOW
+            is_crowded = max(of_curves, len(handles)) > curves.MAX_INSIDE
+            if is_crowded and (times is not None or len(snaps) > 1 < len(several)):
+                runs = [] if times else titles
+                handles[:of_curves] = _legend_keys(runs, [species_text(name, snaps[0]) for name in several])
+            if times is not None:
+                draw_colour_bar(axes, times.mappable, times.label, below)
+                distance += BAR_BELOW[2] if below else 0.0
+            if is_crowded:
+                curves.draw_legend(axes, handles, distance * text_scale())
 
         return draw_all
 
     return _in_rows([panel(several) for several in names], 2)
+
+
+@dataclass(frozen=True)
+class TimeColours:
+    """Colours of curves at many times, and their colour bar; `times` are those of `snap`s of one run in code units."""
+
+    snap: Snapshot
+    times: Sequence[float]
+
+    @classmethod
+    def of_run(cls, found: Sequence[NamedSnapshot], snaps: Sequence[Snapshot]) -> TimeColours | None:
+        """Return the colours for more than MAX_TIMES snapshots of one run, else None."""
+        times = {snap.time for snap in snaps}
+        one_run = len({each.path.resolve().parent for each in found}) == 1
+        return cls(snaps[0], sorted(times)) if one_run and len(times) > MAX_TIMES else None
+
+    def colour(self, time: float) -> Any:
+        """Return the colour of a time in code units, for a light background."""
+        low, high = min(self.times), max(self.times)
+        return colormaps["viridis"](LIGHTEST_TIME * (time - low) / (high - low))[:3]
+
+    @property
+    def label(self) -> str:
+        """Label of the colour bar."""
+        return f"t{pictures.time_axis(self.snap)[1]}"
+
+    @property
+    def mappable(self) -> ScalarMappable:
+        """The colours from the first to the last time, in the unit of the label."""
+        factor, ends = pictures.time_axis(self.snap)[0], (min(self.times), max(self.times))
+        shades = ListedColormap([line_colour(self.colour(time)) for time in np.linspace(*ends, 256)])
+        return ScalarMappable(Normalize(factor * ends[0], factor * ends[1]), shades)
+
+
+def _legend_keys(runs: Sequence[str], fields: Sequence[str]) -> list[Line2D]:
+    """Return artists for a legend of colours, which show runs, and of line styles, which show fields."""
+    colours = [line_colour(colour) for colour in RUN_COLOURS]
+    of_runs = [Line2D([], [], color=colours[k % len(colours)], label=run) for k, run in enumerate(runs)]
+    styles = [Line2D([], [], color=shade(1.0), ls=LINES[k % len(LINES)], label=name) for k, name in enumerate(fields)]
+    return [*of_runs, *(styles if len(fields) > 1 else [])]
 
 
 def _line_style(

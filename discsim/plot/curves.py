@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
+from matplotlib.transforms import ScaledTranslation
 
 from discsim.output.drawing import axis_unit, draw_colour_bar, points_1d, set_log_ticks
 from discsim.output.fields.base import Field, PlotError
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 MAX_CELLS = 160  # largest number of cells of a phase plot along each axis
+MAX_INSIDE = 4  # largest number of curves or entries with which a legend is inside the axes of a figure
+MAX_COLUMNS = 4  # largest number of columns of a legend below axes
 MAX_DECADES = 4.5  # largest number of decades on the axis of a density
 
 
@@ -46,7 +49,7 @@ def draw_curve(axes: Axes, snap: Snapshot, curve: tuple[Array, Array], field: Fi
 
 
 def finish_profile(axes: Axes, snap: Snapshot, names: Sequence[str], display: DisplayOptions) -> None:
-    """Set labels, scale and legend of axes after their curves are drawn."""
+    """Set labels and scale of axes after their curves are drawn, and draw a legend inside."""
     field, (length, unit) = field_named(names[0]), axis_unit(snap, "length")
     low, high = display.radii(snap)
     axes.set(xlabel=f"{'r' if snap.dimensions == 2 else 'x'}{unit}", xlim=(length * low, length * high))
@@ -73,8 +76,39 @@ def finish_profile(axes: Axes, snap: Snapshot, names: Sequence[str], display: Di
     if field.scale == "signed":
         axes.axhline(0.0, color="0.5", lw=0.8 * line_scale(), zorder=0)
     axes.grid(alpha=0.3)
-    if len(axes.get_legend_handles_labels()[0]) > 1:
-        axes.legend(framealpha=0.85, edgecolor="none", fontsize=9 * text_scale())  # it may lie over marks
+    if len(handles := axes.get_legend_handles_labels()[0]) > 1:
+        draw_legend(axes, handles)
+
+
+def draw_legend(axes: Axes, handles: Sequence[Any], under: float | None = None) -> None:
+    """Draw a legend of several artists in the axes; with `under` below them, at this distance in inches."""
+    if (legend := axes.get_legend()) is not None:
+        legend.remove()
+    style: dict[str, Any] = {"framealpha": 0.85, "edgecolor": "none", "fontsize": 9 * text_scale()}
+    if not handles:
+        return
+    if under is None:
+        axes.legend(handles=handles, **style)  # it may lie over marks
+        return
+    figure: Any = axes.figure
+    place = axes.transAxes + ScaledTranslation(0.0, -under, figure.dpi_scale_trans)
+    for columns in range(MAX_COLUMNS, 0, -1):
+        legend = axes.legend(
+            handles=handles, ncols=columns, loc="upper center", bbox_to_anchor=(0.5, 0.0), bbox_transform=place,
+            borderaxespad=0.0, **style,
+        )  # fmt: skip
+        if legend.get_window_extent(figure.canvas.get_renderer()).width <= axes.get_window_extent().width:
+            return
+
+
+def legend_height(axes: Axes, under: float) -> float:
+    """Return the height in inches that the legend of axes needs below the distance `under` from them; 0 if inside."""
+    legend = axes.get_legend()
+    if legend is None:
+        return 0.0
+    figure: Any = axes.figure
+    bottom = legend.get_window_extent(figure.canvas.get_renderer()).y0
+    return max(0.0, (axes.get_window_extent().y0 - bottom) / figure.dpi - under)
 
 
 def _decades_spanned(shown: Sequence[Array]) -> float:

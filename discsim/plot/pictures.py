@@ -77,17 +77,15 @@ def time_pictures(
 ) -> Pictures:
     """Return pictures of the fields `names` in radius (in 1D position) and time, from the snapshots `files` of a run.
 
-    By default the range of radii is that of the disc in the first snapshot. With `in_orbits`, the unit of time is the
-    orbit of run.until or run.every, if the scene gives one of them in orbits.
+    By default the range of radii contains those of the disc in the first and last snapshot. With `in_orbits`, the unit
+    of time is the orbit of run.until or run.every, if the scene gives one of them in orbits.
     """
     first = read_for_fields(files[0], [*names, *overlays.needed_fields(display)])
     in_time = marks.TimeMarks(first, display)
     lines = {name: overlays.contour_field(display, name, first) for name in names}
     every = list(dict.fromkeys([*names, *(name for name in lines.values() if name)]))
     edges, values = profiles_in_time(files, every, display, in_time.visit)
-    (length, unit), (year, time_unit) = axis_unit(first, "length"), axis_unit(first, "time")
-    if in_orbits and (orbit := stated_orbit(first.scene_text, first.units)):
-        year, time_unit = 1.0 / orbit.period, f" [{orbit.unit}]"
+    (length, unit), (year, time_unit) = axis_unit(first, "length"), time_axis(first, in_orbits)
     between = year * time_edges(np.array(times_and_units(files)[0]))
     labels = f"{'r' if first.dimensions == 2 else 'x'}{unit}", f"t{time_unit}"
     made = {
@@ -103,6 +101,13 @@ def time_pictures(
         name: replace(picture, overlays=[*overlays.contours_over(picture, line, values[line or name], display), over])
         for (name, picture), line in zip(made.items(), lines.values(), strict=True)
     }
+
+
+def time_axis(snap: Snapshot, in_orbits: bool = True) -> tuple[float, str]:
+    """Return the factor from code units to the unit of a time axis, and this unit as " [yr]" or " [orbits at 5 au]"."""
+    if in_orbits and (orbit := stated_orbit(snap.scene_text, snap.units)):
+        return 1.0 / orbit.period, f" [{orbit.unit}]"
+    return axis_unit(snap, "time")
 
 
 def time_edges(times: Array) -> Array:

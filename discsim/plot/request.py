@@ -17,6 +17,8 @@ from discsim.output.snapshot import snapshot_files
 from discsim.output.sources import (
     NamedSnapshot,
     read_for_fields,
+    region_of_profiles,
+    region_of_runs,
     run_directory,
     run_name,
     select_snapshots,
@@ -97,13 +99,17 @@ class Request:
         if kind == "phase":
             rows = compose.phase_panels(snaps, fields, self.against or "radius", titles, self.display)
             return PanelFigure(head, rows, has_titles=any(titles), extra_space=0.4)
-        display = self.display.common_to(snaps, kind)
+        if kind == "profile":
+            display = region_of_profiles(self.display, [each.path for each in found], snaps)
+        else:
+            display = self.display.common_to(snaps, kind)
         starts = self._first_snapshots(found, snaps, fields, kind)
         notes = marks.gap_notes(starts, snaps) if "gap" in (display.marks or ()) else []
         if kind == "profile":
-            rows = compose.profile_panels(snaps, names, titles, display, starts[0])
-            notes = [*compose.note_lines(fields, display), *notes]
-            return PanelFigure(head, rows, compose.PROFILE_WIDTH, notes, marks.has_labels(snaps, display))
+            times = compose.TimeColours.of_run(found, snaps)
+            rows = compose.profile_panels(snaps, names, titles, display, starts[0], times)
+            notes, labels = [*compose.note_lines(fields, display), *notes], marks.has_labels(snaps, display)
+            return PanelFigure(head, rows, compose.PROFILE_WIDTH, notes, labels, has_bars=times is not None)
         made = [
             marks.annotated(pictures.PICTURE_MAKERS[kind](snap, fields, display), kind, display, start)
             for snap, start in zip(snaps, starts, strict=True)
@@ -133,7 +139,8 @@ class Request:
                 "--time: needs at least two snapshots of each run; give directories of runs with two or more snapshots"
             )
         names, snaps = self._read_snapshots([files[0] for files, _ in runs])
-        fields, display = compose.unique_names(names), self.display.common_to(snaps, "time")
+        fields = compose.unique_names(names)
+        display = region_of_runs(self.display, [files for files, _ in runs], "time")
         orbits = [stated_orbit(snap.scene_text, snap.units) for snap in snaps]
         in_orbits = len({orbit and orbit.words for orbit in orbits}) == 1  # else years, which all runs have
         made = [pictures.time_pictures(files, fields, display, in_orbits) for files, _ in runs]

@@ -40,16 +40,17 @@ def surface_density(number, time):
     return MASSES[number] * COUNT / (np.pi * (outer**2 - inner**2)) * (1.0 + time / 20) ** (2 * number)
 
 
-def write_two_sizes(directory, times=(0.0, 3.0, 11.0), tables=TABLES):
-    """Write the snapshots and scene.toml of a run."""
+def write_two_sizes(directory, times=(0.0, 3.0, 11.0), tables=TABLES, spread=0.0):
+    """Write the snapshots and scene.toml of a run, whose gas has grown by the factor 1 + spread t."""
     (directory / "snapshots").mkdir(parents=True)
     scene, one = load_scene(tables), np.ones(COUNT)
     (directory / "scene.toml").write_text(scene.text)
     gas_pos = ring(1.2, 5.0)
     state = {"h": one, "density": 2.0 * one, "gradh": one, "pressure": one, "sound_speed": one}
-    gas = Gas(pos=gas_pos, vel=0.1 * gas_pos, acc=0 * gas_pos, mass=1e-5 * one, ids=np.arange(COUNT), **state)
     order = np.random.default_rng(7).permutation(2 * COUNT)  # populations are mixed in the arrays
     for number, time in enumerate(times):
+        now = (1.0 + spread * time) * gas_pos
+        gas = Gas(pos=now, vel=0.1 * gas_pos, acc=0 * gas_pos, mass=1e-5 * one, ids=np.arange(COUNT), **state)
         pos = np.concatenate([ring(*EDGES[0]), ring(*EDGES[1]) / (1.0 + time / 20)])
         species = np.repeat([0, 1], COUNT)
         vel = np.array(SPEEDS)[species, None] * pos
