@@ -2,6 +2,7 @@
 
     ax = discsim.plot.field_map("runs/dusty_disc", "toomre_q")
     ax = discsim.plot.profile(snap, "surface_density", window="80 au")
+    ax = discsim.plot.profile(snap, "dust.0.surface_density", ax=ax)  # of one population of dust
     ax = discsim.plot.time_map("runs/dusty_disc", "dust.surface_density")
 
 `discsim plot --fields` lists the names of fields. Importing this module imports matplotlib.
@@ -49,7 +50,8 @@ def field_map(source: Source, field: str = "gas.surface_density", ax: Axes | Non
     source : str, Path or Snapshot
         Directory of a run (its last snapshot), file of a snapshot, or result of `discsim.read_snapshot`.
     field : str
-        Name of the field, as in `discsim plot --fields`.
+        Name of the field, as in `discsim plot --fields`. Of one population of dust, by number or name, it is
+        "dust.0.surface_density" or "dust.pebbles.v_r".
     ax : Axes, optional
         matplotlib axes to draw on; by default those of a new figure.
     **options
@@ -78,7 +80,8 @@ def polar_map(source: Source, field: str = "gas.surface_density", ax: Axes | Non
     source : str, Path or Snapshot
         Directory of a run (its last snapshot), file of a snapshot, or result of `discsim.read_snapshot`.
     field : str
-        Name of the field, as in `discsim plot --fields`.
+        Name of the field, as in `discsim plot --fields`. Of one population of dust, by number or name, it is
+        "dust.0.surface_density" or "dust.pebbles.v_r".
     ax : Axes, optional
         matplotlib axes to draw on; by default those of a new figure.
     **options
@@ -108,7 +111,7 @@ def profile(source: Source, field: str = "surface_density", ax: Axes | None = No
         Directory of a run (its last snapshot), file of a snapshot, or result of `discsim.read_snapshot`.
     field : str
         Name of the field, as in `discsim plot --fields`. A name without a species, like "surface_density", draws all
-        species.
+        species. Of one population of dust, by number or name, it is "dust.0.surface_density" or "dust.pebbles.v_r".
     ax : Axes, optional
         matplotlib axes to draw on; by default those of a new figure.
     **options
@@ -147,7 +150,8 @@ def time_map(
     source : str, Path or sequence of Path
         Directory of a run, or files of its snapshots.
     field : str
-        Name of the field, as in `discsim plot --fields`.
+        Name of the field, as in `discsim plot --fields`. Of one population of dust, by number or name, it is
+        "dust.0.surface_density" or "dust.pebbles.v_r".
     ax : Axes, optional
         matplotlib axes to draw on; by default those of a new figure.
     **options
@@ -183,7 +187,8 @@ def phase(
     source : str, Path or Snapshot
         Directory of a run (its last snapshot), file of a snapshot, or result of `discsim.read_snapshot`.
     field, against : str
-        Names of the fields on the y axis and on the x axis, both of particles of the same species.
+        Names of the fields on the y axis and on the x axis, both of particles of the same species, or of the same
+        population of dust, like "dust.0.v_r" and "dust.0.radius".
     ax : Axes, optional
         matplotlib axes to draw on; by default those of a new figure.
     **options
@@ -220,7 +225,7 @@ def movie(
         File to write, ending in .mp4 (needs the extra `movie`) or .gif; by default in `plots` of the run, an mp4, or
         without this extra a gif.
     *words : str
-        Names of the fields; by default "surface_density".
+        Names of the fields, like "dust.0.surface_density" of one population of dust; by default "surface_density".
     rate : float
         Frames per second.
     dpi : int, optional
