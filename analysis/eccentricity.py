@@ -28,6 +28,7 @@ from discsim.output.snapshot import Snapshot
 from discsim.physics.centre import kepler_omega
 from discsim.printable import UserError
 from discsim.scene import Scene
+from discsim.scene.orbits import show_plain_time
 
 LEAST = 3  # snapshots through which a line is put
 
@@ -90,16 +91,20 @@ def main(arguments: list[str] | None = None) -> int:
     except (UserError, OSError) as error:
         print(f"eccentricity: {error}", file=sys.stderr)
         return 2
-    show, show_time = run.units.show, run.units.show_time
+    show = run.units.show
     table = Table("time", "v_1", "e")
     for mode in modes:
-        table.add_row(show_time(mode.time), show(mode.speed, "velocity"), f"{mode.eccentricity:.2e}")
+        table.add_row(
+            show_plain_time(mode.time, run.units, run.scene.text),
+            show(mode.speed, "velocity"),
+            f"{mode.eccentricity:.2e}",
+        )
     Console(width=100).print(table)
     grows = growth_time(modes, given.low, given.high)
     if grows is None:
         print(f"no {LEAST} snapshots between e = {given.low:g} and {given.high:g}: no growth time")
     else:
-        print(f"{'grows' if grows > 0.0 else 'falls'} by a factor of e in {show_time(abs(grows))}")
+        print(f"{'grows' if grows > 0.0 else 'falls'} by a factor of e in {show(abs(grows), 'time')}")
     return 0
 
 

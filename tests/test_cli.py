@@ -47,7 +47,7 @@ def test_run_hands_the_scene_over(tmp_path, calls):
     )  # fmt: skip
     assert done.exit_code == 3, done.stderr
     ((scene, directory, options),) = calls
-    assert scene.units.show_time(scene.run.until) == "3 yr"
+    assert scene.units.show(scene.run.until, "time") == "3 yr"
     assert scene.run.threads == 2 and scene.gas.kernel == "quintic" and scene.dust is None
     assert str(directory) == "runs/scene" and options == {"resume": False, "quiet": True}
     assert os.listdir() == []  # writing is the runner's

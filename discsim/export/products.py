@@ -13,6 +13,7 @@ from discsim.output.fields.base import PlotError
 from discsim.output.files import command_line
 from discsim.output.snapshot import Snapshot, read_snapshot
 from discsim.printable import printable
+from discsim.scene.orbits import show_plain_time
 from discsim.scene.units import clipped
 from discsim.sky.image import check_snapshot
 from discsim.version import __version__
@@ -89,6 +90,6 @@ def write_export(snap: Snapshot, to: str, folder: Path, options: ExportOptions) 
 def _origin(snap: Snapshot) -> list[str]:
     """Return lines about the run and the version."""
     return [
-        f"{snap.title or 'A disc'}, {snap.units.show_time(snap.time)}",
+        f"{snap.title or 'A disc'}, {show_plain_time(snap.time, snap.units, snap.scene_text)}",
         f"discsim {__version__}: {printable(command_line())}",
     ]

@@ -31,6 +31,7 @@ from discsim.physics.orbits import ContinuedBody, Orbits
 from discsim.scene import SceneError, load_scene
 from discsim.scene.differences import FREE_TO_CHANGE, differences
 from discsim.scene.fields import AllowedValues, Count, InputFile, Length, Table, fault
+from discsim.scene.orbits import show_plain_time
 
 if TYPE_CHECKING:
     from discsim.numerics.state import State
@@ -87,7 +88,7 @@ def _validated_file(value: Any, info: ValidationInfo) -> SnapshotFile:
     gas = snap.gas.count if snap.gas is not None else 0
     units = (info.context or {}).get("units", snap.units)
     time = snap.time if units == snap.units else float(units.to_code(snap.quantity("time")))
-    text = snap.units.show_time(snap.time)
+    text = show_plain_time(snap.time, snap.units, snap.scene_text)
     return SnapshotFile(found.path, found.digest, gas, tuple(map(int, numbers)), snap.dimensions, heat, time, text)
 
 

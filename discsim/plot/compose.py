@@ -57,6 +57,7 @@ from discsim.output.populations import population_of
 from discsim.output.snapshot import Snapshot
 from discsim.output.sources import NamedSnapshot
 from discsim.plot import curves, marks, overlays, pictures
+from discsim.scene.orbits import show_plain_time
 
 MAX_PANELS_PER_ROW = 3  # in a figure of one run
 PROFILE_WIDTH = 1.25  # width of a profile in units of the width of a map
@@ -401,7 +402,10 @@ def titles_of(snaps: Sequence[Snapshot], found: Sequence[NamedSnapshot], short: 
     The figure's title has the title of the scene if all snapshots are of one run, and the time if it is the same in
     all. Otherwise the names of runs and the times are in the titles of the columns.
     """
-    times, plain = [snap.time_text for snap in snaps], [snap.units.show_time(snap.time) for snap in snaps]
+    times, plain = (
+        [snap.time_text for snap in snaps],
+        [show_plain_time(snap.time, snap.units, snap.scene_text) for snap in snaps],
+    )
     if len(set(times)) > len(set(plain)) == 1:  # one time, which the scenes count in different orbits
         times = plain
     runs = [figure_text(each.name) for each in found]

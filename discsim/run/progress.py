@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
@@ -14,7 +15,7 @@ from discsim.numerics import world
 from discsim.output.files import refuse_special
 from discsim.printable import printable
 from discsim.run.screen import Screen
-from discsim.scene.orbits import shown_orbit
+from discsim.scene.orbits import show_plain_time, shown_orbit
 from discsim.scene.units import clock
 
 if TYPE_CHECKING:
@@ -148,17 +149,17 @@ class Progress:
 
         Unknown texts are absent or empty.
         """
-        show, until = self.scene.units.show_time, self.scene.run.until
+        show = partial(show_plain_time, units=self.scene.units, scene_text=self.scene.text)
         facts = {
             "step": f"step {state.step}",
-            "time": f"t = {show(state.time)} of {show(until)}{self._orbit_count(state.time)}",
+            "time": f"t = {show(state.time)} of {show(self.scene.run.until)}{self._orbit_count(state.time)}",
             "dt": f"dt = {show(dt)}, set by {set_by}" if dt > 0.0 else "",
         }
         if self._speed_start is not None:
             wall, begun, step = self._speed_start
             elapsed = time.monotonic() - wall
             if state.step > step and elapsed > 0.0 and state.time > begun:
-                left = elapsed * max(until - state.time, 0.0) / (state.time - begun)
+                left = elapsed * max(self.scene.run.until - state.time, 0.0) / (state.time - begun)
                 facts["speed"] = f"{(state.step - step) / elapsed:.3g} steps/s"
                 facts["left"] = f"{clock(left)} left"
         if world.processes.is_parallel:

@@ -46,7 +46,7 @@ def _check_fixed_step(state: State, limits: Limits, left: float) -> None:
     raise PhysicsError(
         f"run.timestep is {fixed / limits.step:.3g} times the step limit of {limits.by}: "
         f"above {limits.unstable / limits.step:.3g} times the limit, sound waves and orbits are unstable; "
-        f"lower run.timestep to at most {state.scene.units.show_time(limits.step)}"
+        f"lower run.timestep to at most {state.scene.units.show(limits.step, 'time')}"
     )
 
 

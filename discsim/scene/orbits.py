@@ -212,13 +212,30 @@ def shown_orbit(scene_text: str, units: Units) -> Orbit | None:
         return None
 
 
+@lru_cache(maxsize=32)
+def _end_of_run(scene_text: str, units: Units) -> float | None:
+    """Return run.until of a scene, given as TOML, in code units; None for a scene with faults."""
+    try:
+        return time_in_code_units(tomllib.loads(scene_text)["run"]["until"], units, scene_text)
+    except (KeyError, TypeError, ValueError, RecursionError):
+        return None
+
+
+def show_plain_time(t: float, units: Units, scene_text: str) -> str:
+    """Return the time `t` of a run, in code units, as text: "474.3 yr". All times of a run have the unit of run.until.
+
+    scene_text: the scene of the run as TOML.
+    """
+    return units.show(t, "time", like=_end_of_run(scene_text, units))
+
+
 def show_time(t: float, units: Units, scene_text: str) -> str:
-    """Return the time `t` of a run, in code units, as text: "474.3 yr (40 orbits at 5.2 au)", or without orbits.
+    """Return a time as `show_plain_time`, with the number of orbits if the scene counts them, "(40 orbits at 5.2 au)".
 
     scene_text: the scene of the run as TOML.
     """
     orbit = shown_orbit(scene_text, units)
-    return units.show_time(t) + (f" ({orbit.count(t)})" if orbit else "")
+    return show_plain_time(t, units, scene_text) + (f" ({orbit.count(t)})" if orbit else "")
 
 
 def time_in_code_units(given: Any, units: Units, scene_text: str) -> float:

@@ -271,21 +271,20 @@ class Units:
             return f'{with_article(self._density_resolved(name))}, like "{example}"'
         return f'{with_article(name)}, like "1 {self._cgs_unit(self.exponents(name, gamma))}"'
 
-    def show(self, value: float, name: str, gamma: float = 1.0) -> str:
-        """Return `value`, in code units, as text: "123.4 yr", "5.2 au"; a bare number in the code system."""
+    def show(self, value: float, name: str, gamma: float = 1.0, like: float | None = None) -> str:
+        """Return `value`, in code units, as text: "123.4 yr", "5.2 au"; a bare number in the code system.
+
+        like: value that chooses the unit; by default `value`.
+        """
         if self.system == "code" or value == 0:
             return f"{value:.4g}"
         exponents = self.exponents(name, gamma)
-        in_cgs = value * self._cgs_factor(exponents)
+        factor = self._cgs_factor(exponents)
+        in_cgs, size = value * factor, abs((like or value) * factor)
         for text, least in _DISPLAY_UNITS.get(self._density_resolved(name), ()):
-            shown = in_cgs / _cgs_value(text)
-            if abs(shown) >= least:
-                return f"{shown:.4g} {text}"
+            if size / _cgs_value(text) >= least:
+                return f"{in_cgs / _cgs_value(text):.4g} {text}"
         return f"{in_cgs:.4g} {self._cgs_unit(exponents)}"
-
-    def show_time(self, t: float) -> str:
-        """Return the time `t`, in code units, as text: "123.4 yr"; a bare number in the code system."""
-        return self.show(t, "time")
 
     def _density_resolved(self, name: str) -> str:
         """Return the name of a dimension, where "density" becomes a surface density in 2D, a volume density in 1D."""

@@ -29,6 +29,7 @@ from discsim.output.fields.frame import omega
 from discsim.output.fields.values import full_radius, is_centred
 from discsim.output.populations import grain_sizes, small_dust_size
 from discsim.printable import printable
+from discsim.scene.orbits import show_plain_time
 from discsim.scene.summary import Rows, Summarised
 from discsim.scene.units import clipped
 from discsim.sky import beam as beams
@@ -340,7 +341,7 @@ def _empty_map(snap: Snapshot, options: ImageOptions) -> tuple[SkyMap, _Sky, Arr
         beam=beam,
         wavelength=None,
         title=snap.title,
-        time=snap.units.show_time(snap.time),
+        time=show_plain_time(snap.time, snap.units, snap.scene_text),
         description=(),
         scene_hash=hashlib.sha256(snap.scene_text.encode()).hexdigest(),
     )

@@ -29,7 +29,7 @@ def forced(name, times):
     step = times * sim.scene.run.courant * sim.limit
     unit = "" if sim.units.system == "code" else "yr"
     if unit:
-        step *= float(sim.units.show_time(1e6).split()[0]) / 1e6
+        step *= float(sim.units.show(1e6, "time").split()[0]) / 1e6
     value = f'"{step} {unit}"' if unit else f"{step}"
     return [*overrides, f"run.timestep={value}"]
 

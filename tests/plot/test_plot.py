@@ -110,7 +110,7 @@ def test_maps_share_their_colours(run, other):
     assert {r"$\Sigma_\mathrm{gas}$ [g cm$^{-2}$]", r"$\Sigma_\mathrm{dust}$ [g cm$^{-2}$]", "y [au]"} <= labels(figure)
     texts = {text.get_text() for axes in figure.axes for text in axes.texts}
     assert texts == {"1 au"}  # a quarter of 6.6 au at most
-    assert figure.get_suptitle() == f"t = {discsim.read_snapshot(snapshot_files(run)[-1]).units.show_time(2.0)}"
+    assert figure.get_suptitle() == f"t = {discsim.read_snapshot(snapshot_files(run)[-1]).units.show(2.0, 'time')}"
 
 
 def test_the_other_run_over_the_first(run, other):

@@ -3,6 +3,7 @@
 import copy
 import math
 import tomllib
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from scenes import problems
 
 from discsim.physics import centre, companions
 from discsim.physics.orbits import Orbits
+from discsim.run.progress import Progress
 from discsim.scene import SceneError, load_scene
 from discsim.scene.differences import differences
 from discsim.scene.orbits import OrbitalPeriods, show_time, shown_orbit
@@ -306,6 +308,23 @@ def test_times_are_shown_in_the_orbits_of_the_scene():
         time = float(scene.units.to_code(kepler(5.2, 0.7)))
         assert scene.show_time(time) == f"14.17 yr {shown}".strip()
     assert scene.show_time(0.0) == "0"
+
+
+@pytest.mark.parametrize(
+    ("until", "texts"),
+    [
+        ("40 yr", ["0.002738 yr", "36 yr"]),  # 365.25 days
+        ("1 orbit at 2 au", ["0.002738 yr (0.0008099 orbits at 2 au)", "36 yr (10.65 orbits at 2 au)"]),
+        ("30 day", ["1 day", "1.315e+04 day"]),
+    ],
+)
+def test_all_times_of_a_run_have_the_unit_of_its_end(until, texts):
+    scene = scene_of(f"run.until={until}", "run.every=1 day")
+    times = [float(scene.units.parse(text, "time")) for text in ("1 day", "36 yr")]
+    assert [scene.show_time(time) for time in times] == texts
+    facts = Progress(scene, quiet=True)._facts(SimpleNamespace(step=3, time=times[1]), times[0], "gas")
+    assert facts["dt"].startswith(f"dt = {texts[0].partition(' (')[0]}, ")
+    assert facts["time"].startswith(f"t = {texts[1].partition(' (')[0]} of ")
 
 
 def test_a_scene_that_cannot_be_read_has_no_orbits():

@@ -29,8 +29,8 @@ def test_density_is_of_the_surface_in_2d_and_of_the_volume_in_1d():
 def test_code_system_has_no_units():
     units = Units("code")
     assert units.length is None and units.time is None and units.cgs("energy") == 1.0
-    assert units.show_time(0.5) == "0.5"
-    assert Units().show_time(2 * math.pi) == "1 yr"
+    assert units.show(0.5, "time") == "0.5"
+    assert Units().show(2 * math.pi, "time") == "1 yr"
 
 
 @pytest.mark.parametrize("text", ["5 nm", "1 um", "500 um", "7.974 mm", "4 cm", "3 m", "20 km", "0.05 au"])

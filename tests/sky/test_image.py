@@ -268,7 +268,7 @@ def test_a_map_is_shown_in_a_few_lines(inclined):
     assert lines == {
         "quantity": "intensity",
         "wavelength": "0.87 mm",
-        "time": UNITS.show_time(37.0),
+        "time": UNITS.show(37.0, "time"),
         "values": f"{sky.values.min():.4g} to {sky.values.max():.4g} Jy/beam",
         "pixels": "60 x 60 of 0.03 arcsec, [north, west]",
         "beam": "0.2 x 0.15 arcsec",
@@ -286,7 +286,7 @@ def test_a_map_is_drawn_as_the_command_draws_it_with_wavelength_and_time(incline
         (r"$\Delta$RA [arcsec]", r"$\Delta$Dec [arcsec]"),
     }
     titles = [ax.get_title().replace("\n", " ") for ax in axes]
-    assert titles[0] == f"0.87 mm, {UNITS.show_time(37.0)}" and titles[1] == titles[2]
+    assert titles[0] == f"0.87 mm, {UNITS.show(37.0, 'time')}" and titles[1] == titles[2]
     assert titles[1] == titles[0] + r", 140 pc, i = 41$\degree$, PA = 17$\degree$"
 
 
