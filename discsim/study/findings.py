@@ -78,18 +78,20 @@ def print_results(study: Study, console: Console) -> None:
         label = label_of(study.reference.settings, whole=True)
         console.print(f"error: mass displaced relative to the run with {label} (no exact solution)")
     front = {id(point) for point in study.front()}
-    runs = Table("", *short_names(study.keys), "error", "CPU s", "steps", "updates", "momentum", "energy", box=SIMPLE)
+    drifts = [point.runs[0]["drifts"] for point in study.points if point.done]
+    conserved = [name for name in ("momentum", "energy") if any(each[name] is not None for each in drifts)]
+    runs = Table("", *short_names(study.keys), "error", "CPU s", "steps", "updates", *conserved, box=SIMPLE)
     for point in study.points:
         values = [printable(point.settings[key]) for key in study.keys]
         if not point.done:
             runs.add_row("", *values, point.runs[0]["stopped"] if point.runs else "not run")
             continue
         first = point.runs[0]
-        momentum, energy = first["drifts"]["momentum"], first["drifts"]["energy"]
+        changes = (first["drifts"][name] for name in conserved)
         runs.add_row(
             "*" if id(point) in front else "", *values,
             f"{point.error:.2g}" if point.error is not None else "reference", f"{point.cpu:.3g}", str(first["steps"]),
-            f"{first['updates']:.2g}", *("" if drift is None else f"{drift:.0e}" for drift in (momentum, energy)),
+            f"{first['updates']:.2g}", *("" if change is None else f"{change:.0e}" for change in changes),
         )  # fmt: skip
     console.print(runs)
     console.print("* Pareto-optimal: no other setting is both cheaper and at least as accurate")
