@@ -212,12 +212,12 @@ class SnapshotParticles(Summarised):
 
 @dataclass(frozen=True, repr=False)
 class Snapshot(Summarised):
-    """The state of a run at one time, from `read_snapshot`.
+    """The state of a run at one time, from `read_snapshot`. `quantity` returns its numbers with units.
 
     Attributes
     ----------
     time : float
-        Time in code units.
+        Time in code units, as all numbers here.
     gas, dust : SnapshotParticles or None
         Particles; None if the run has none.
     units : Units

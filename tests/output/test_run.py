@@ -46,6 +46,8 @@ def test_snapshots_by_number_by_slice_and_in_order(run):
 def test_times_have_units_and_the_nearest_snapshot_is_found(run):
     year = run.units.time.to("yr")
     np.testing.assert_allclose(run.times.to_value("yr"), np.array(TIMES) * year, rtol=1e-12)
+    for snap, time in zip(run, run.times, strict=True):
+        assert abs(snap.quantity("time") - time).to_value("yr") < 1e-12 and run.at(time).time == snap.time
     assert run.at(f"{6.9 * year} yr").time == 3.0 and run.at(7.1 * year * u.yr).time == 11.0 and run.at(1.4).time == 0.0
     for wrong, message in (
         ("soon", 'at: "soon"'), ("3 au", 'at: "3 au"'), (3 * u.au, "at: "), (None, "at: None is not a time"),
