@@ -176,9 +176,9 @@ def test_a_run_that_goes_on_shows_its_new_snapshots(directory, tmp_path):
 
 
 def test_summary_names_the_run(run):
-    year = run.units.show_time
+    show = run.units.show
     text = repr(run)
-    assert text.startswith("Two sizes\n") and f"3, t = {year(0.0)} to {year(11.0)}" in text
+    assert text.startswith("Two sizes\n") and f"3, t = {show(0.0, 'time')} to {show(11.0, 'time')}" in text
     assert "<table>" in run._repr_html_() and run.populations == ["0", "pebbles"]
     assert run.scene.title == "Two sizes"
 

@@ -5,6 +5,7 @@ import shutil
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
 from two_sizes import write_two_sizes
 
 import discsim
@@ -75,14 +76,14 @@ def test_profiles_and_maps_in_time_show_the_same_radii(tmp_path):
         Request([run], [word], "time").figure().axes[0].get_xlim(),
         Request([run], [word], "profile").figure().axes[0].get_xlim(),
         Request([run], [word], "profile", at=["0 yr"]).figure().axes[0].get_xlim(),
-        discsim.plot.profile(run, word).get_xlim(),
-        discsim.plot.time_map(run, word).get_xlim(),
-        discsim.open_run(run).plot(word, "profile", at=7.0).get_xlim(),
+        discsim.plot.profile(run, word, ax=Figure().subplots()).get_xlim(),
+        discsim.plot.time_map(run, word, ax=Figure().subplots()).get_xlim(),
+        discsim.open_run(run).plot(word, "profile", at=7.0, ax=Figure().subplots()).get_xlim(),
     ]
     np.testing.assert_allclose(limits, np.broadcast_to(limits[0], (6, 2)), rtol=1e-12)
     found = discsim.open_run(run).profile(word).radius
     ring = found[1] - found[0]
     np.testing.assert_allclose((found[-1] + 0.5 * ring).value, limits[0][1], rtol=1e-12)
     alone = shutil.copy(discsim.open_run(run).files[0], tmp_path / "first.h5")
-    outer = discsim.plot.profile(alone, word).get_xlim()[1]
+    outer = discsim.plot.profile(alone, word, ax=Figure().subplots()).get_xlim()[1]
     np.testing.assert_allclose([outer, limits[0][1]], 0.9975 * np.array([10.0, 15.5]), rtol=1e-3)
