@@ -33,10 +33,6 @@ class Costs:
         self.seconds[name] += spent
         self.calls[name] += calls
 
-    def add(self, name: str) -> None:
-        """Add an effect, without calls so far."""
-        self.calls[name], self.seconds[name] = 0, 0.0
-
     @property
     def total(self) -> float:
         """CPU seconds of all effects together."""
@@ -53,9 +49,13 @@ class Costs:
 
     def copy(self) -> Costs:
         """Return costs with the present numbers, which do not change later."""
-        same = Costs(self.calls)
-        same.calls.update(self.calls)
-        same.seconds.update(self.seconds)
+        return self.of(self.calls)
+
+    def of(self, names: Iterable[str]) -> Costs:
+        """Return costs of the effects `names` with the present numbers; other effects have no calls so far."""
+        same = Costs(names)
+        for name in same.calls:
+            same.calls[name], same.seconds[name] = self.calls.get(name, 0), self.seconds.get(name, 0.0)
         return same
 
     def forget(self, start: Costs, end: Costs) -> None:

@@ -30,12 +30,11 @@ class Operators:
         self.reversals = guards.ReversalGuard()
         self.arrays_exposed = True
 
-    def add_effect(self, name: str, effect: Effect) -> None:
-        """Add an effect after all others; the caller computes forces again. Raises PartError as `Plan`."""
-        effects = {**self.effects, name: effect}
+    def change_effects(self, effects: dict[str, Effect]) -> None:
+        """Replace the effects; the caller computes forces again. Raises PartError as `Plan`."""
         self.plan = Plan(effects, self.state)
         self.effects = effects
-        self.costs.add(name)
+        self.costs = self.costs.of(effects)
         self.reversals.forget()  # accelerations change without a step
 
     def kick(self, dt: float) -> None:

@@ -25,16 +25,11 @@ from discsim.initial import user_arrays
 from discsim.numerics.bodies import Bodies
 from discsim.numerics.state import Dust, Gas, State
 from discsim.numerics.threads import set_threads
-from discsim.output.checkpoint import (
-    OtherVersionWarning,
-    Scalar,
-    Values,
-    other_version_warning,
-    read_checkpoint,
-    write_checkpoint,
-)
+from discsim.output import checkpoint
+from discsim.output.checkpoint import Scalar, Values
 from discsim.parts import INTEGRATORS, import_object
 from discsim.preview.forecast import memory_warnings
+from discsim.printable import printable
 from discsim.run import checkpoint_contents, guards
 from discsim.run.costs import Costs
 from discsim.run.forces import PhysicsError, acceleration_of
@@ -107,9 +102,8 @@ class Simulation(Summarised):
         self._unclosed: State | None = None
 
     def __reduce_ex__(self, protocol: Any) -> NoReturn:
-        raise TypeError(
-            "a Simulation cannot be pickled or copied; use save(path), then restore(path) of another Simulation"
-        )
+        remedy = "use save(path), then restore(path) of another Simulation"
+        raise TypeError(f"a Simulation cannot be pickled or copied; {remedy}")
 
     @property
     def time(self) -> float:
@@ -161,7 +155,7 @@ class Simulation(Summarised):
         return self.state.bodies
 
     def step(self, most: float = math.inf) -> float:
-        """Make one whole step, after which velocities and positions are at the same time.
+        """Make one whole step, after which velocities and positions are at the same time. Ctrl-C waits for its end.
 
         Parameters
         ----------
@@ -181,10 +175,6 @@ class Simulation(Summarised):
             A number is not finite, or the step has collapsed.
         RuntimeError
             The state is being read, in a callback or `synchronised`, or an interrupt has left a step half-made.
-
-        Notes
-        -----
-        Ctrl-C waits for the end of the step.
         """
         if not most > 0.0:
             raise ValueError(f"most = {most} is not a time step; expected a positive time in code units")
@@ -199,13 +189,9 @@ class Simulation(Summarised):
         return dt
 
     def run(
-        self,
-        until: Any = None,
-        *,
-        progress: bool = False,
-        every: Any = None,
+        self, until: Any = None, *, progress: bool = False, every: Any = None,
         callback: Callable[[Simulation], object] | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         """Step to the time `until` and land on it.
 
         Parameters
@@ -351,15 +337,10 @@ class Simulation(Summarised):
             self._unclosed = None
 
     def add_force(
-        self,
-        function: Function,
-        on: str | Iterable[str],
-        *,
-        name: str = "force",
-        potential: Function | None = None,
+        self, function: Function, on: str | Iterable[str], *, name: str = "force", potential: Function | None = None,
         limit: Any = None,
-    ) -> None:
-        """Add a force, which acts from now on as an effect `sim.effects[name]`.
+    ) -> None:  # fmt: skip
+        """Add a force, which acts from now on as an effect `sim.effects[name]`; after an exception there is none.
 
         Parameters
         ----------
@@ -369,7 +350,7 @@ class Simulation(Summarised):
         on : str or sequence of str
             Species that feel the force: "gas", "dust" or both. The function is called for each of them.
         name : str, optional
-            Name of the force.
+            Name of the force, for `sim.effects` and `remove_force`.
         potential : callable, optional
             `potential(particles, time)` returns the potential energies per mass (n,), for `potential_energy`.
         limit : float or Quantity, optional
@@ -387,7 +368,6 @@ class Simulation(Summarised):
         Notes
         -----
         A checkpoint records the name and species of the force, not the function: add the force again before `restore`.
-        After an exception the simulation has no such force.
         """
         self._refuse_during_read()
         self._refuse_half_made()
@@ -397,13 +377,37 @@ class Simulation(Summarised):
         self.operators.check_exposed_arrays()
         guards.check_new_effect(self.state, name, effect)
         effect.potential_energy(self.state)  # checks its shape
+        self._change_effects({**self.effects, name: effect})
+
+    def remove_force(self, name: str) -> None:
+        """Remove a force of `add_force`, which acts up to now.
+
+        Parameters
+        ----------
+        name : str
+            Name of the force.
+
+        Raises
+        ------
+        KeyError
+            There is no added force with this name.
+        PhysicsError, RuntimeError, ValueError
+            As for `step`.
+        """
+        known = [key for key, effect in self.effects.items() if isinstance(effect, AddedForce)]
+        if name not in known:
+            raise KeyError(f"{printable(name)} is no added force; expected one of {', '.join(known) or 'none'}")
+        self._change_effects({key: effect for key, effect in self.effects.items() if key != name})
+
+    def _change_effects(self, effects: dict[str, Effect]) -> None:
+        """Replace the effects, and compute the forces again if they are known."""
         has_begun = self._has_forces or self.state.velocity_lag > 0.0
         if has_begun:
             self._prepare()
-        self.operators.add_effect(name, effect)
+        self.operators.change_effects(effects)
         if has_begun:
             with self._uninterrupted():
-                self.operators.close()  # by the accelerations so far, which lack this force
+                self.operators.close()  # by the accelerations so far
                 self.operators.forces()
 
     def acceleration(self, effect: str) -> tuple[np.ndarray | None, np.ndarray | None]:
@@ -458,7 +462,7 @@ class Simulation(Summarised):
             An interrupt has left a step half-made.
         """
         groups, values = self.contents()
-        write_checkpoint(path, groups, {**values, **(notes or {})}, None if before is None else Path(before))
+        checkpoint.write_checkpoint(path, groups, {**values, **(notes or {})}, None if before is None else Path(before))
 
     def write_snapshot(self, path: str | Path) -> None:
         """Write a snapshot of the present state for `discsim.read_snapshot`, figures and images; the run is unaffected.
@@ -496,7 +500,7 @@ class Simulation(Summarised):
         return checkpoint_contents.contents_of(self.scene, state, self.operators)
 
     def restore(self, path: str | Path, share: tuple[int, int] = (0, 1)) -> Values:
-        """Continue from a checkpoint of this scene.
+        """Continue from a checkpoint of this scene. After an exception the simulation is unchanged.
 
         Parameters
         ----------
@@ -523,18 +527,16 @@ class Simulation(Summarised):
         -----
         OtherVersionWarning
             The checkpoint is of another version of discsim.
-
-        Notes
-        -----
-        After an exception the simulation is unchanged.
         """
         self._refuse_during_read()
-        groups, values = read_checkpoint(path, share)
+        groups, values = checkpoint.read_checkpoint(path, share)
         refuse_changed_scene(path, groups["scene"]["text"].tobytes(), self.scene)
         checkpoint_contents.refuse_other_forces(values, self.effects)
         found = checkpoint_contents.checked_contents(path, self.state, self.effects, groups, values)
-        if remark := other_version_warning(values):  # before anything is set, as a filter may raise it as an exception
-            warnings.warn(remark, OtherVersionWarning, stacklevel=2)
+        if remark := checkpoint.other_version_warning(
+            values
+        ):  # before anything is set, as a filter may raise it as an exception
+            warnings.warn(remark, checkpoint.OtherVersionWarning, stacklevel=2)
         self.state.set_arrays(found.particles)
         for name, value in found.of_state.items():
             setattr(self.state, name, value)
@@ -550,9 +552,8 @@ class Simulation(Summarised):
     def _uninterrupted(self) -> Iterator[None]:
         """Run the block of the context to its end before a first Ctrl-C raises KeyboardInterrupt.
 
-        A second Ctrl-C raises KeyboardInterrupt at once or, if other threads run loops, after these loops. The step
-        is then half made, and the state cannot be used. If the caller has set another handler of SIGINT, that
-        handler stays in force.
+        A second Ctrl-C raises KeyboardInterrupt at once or, if other threads run loops, after these loops. The step is
+        then half made, and the state cannot be used. Another handler of SIGINT that the caller has set stays in force.
         """
         set_threads(self.scene.run.threads)
         is_main = threading.current_thread() is threading.main_thread()
@@ -588,9 +589,8 @@ class Simulation(Summarised):
     def _refuse_half_made(self) -> None:
         """Raise RuntimeError if an interrupt has left a step half made."""
         if self._step_is_half_made:
-            raise RuntimeError(
-                "the last step was interrupted; make a new Simulation, or call restore() with a checkpoint"
-            )
+            remedy = "make a new Simulation, or call restore() with a checkpoint"
+            raise RuntimeError(f"the last step was interrupted; {remedy}")
 
     def _advance(self, dt: float, until: float = math.inf) -> None:
         """Advance by dt: make the closing kick of the last step, and this step without its closing kick.

@@ -164,6 +164,47 @@ def test_a_force_acts_from_the_moment_at_which_it_is_added():
     np.testing.assert_allclose(by_id(sim.dust, sim.dust.vel), vel + G * 0.65, rtol=1e-13)
 
 
+def test_grains_move_straight_on_after_their_force_is_removed(tmp_path):
+    """From the position and velocity at this moment, to rounding; the limit of the force and its cost are gone too."""
+    sim = grains(courant=0.13)
+    sim.add_force(spring, "dust", name="spring", limit=1.0 / OMEGA)
+    sim.add_force(lambda particles, time: 0.0 * particles.pos, "dust", name="calm", limit=0.9)
+    sim.run(0.7)
+    with sim.synchronised() as state:
+        pos, vel = by_id(state.dust, state.dust.pos).copy(), by_id(state.dust, state.dust.vel).copy()
+    sim.remove_force("spring")
+    assert "spring" not in {*sim.effects, *sim.costs.seconds} and sim.limited_by == "calm" and sim.limit == 0.9
+    sim.run(1.9)
+    np.testing.assert_allclose(by_id(sim.dust, sim.dust.pos), pos + 1.2 * vel, rtol=0, atol=1e-14)
+    sim.save(tmp_path / "half.h5")
+    sim.run(2.5)
+    other = grains(courant=0.13)
+    other.add_force(lambda particles, time: 0.0 * particles.pos, "dust", name="calm", limit=0.9)
+    other.restore(tmp_path / "half.h5")
+    other.run(2.5)
+    assert state_bits(other) == state_bits(sim)
+
+
+def test_a_force_that_is_removed_before_the_first_step_changes_no_bit():
+    runs = Simulation(TWO_SPECIES), Simulation(TWO_SPECIES)
+    runs[1].add_force(breeze, ("gas", "dust"))
+    runs[1].remove_force("force")
+    for sim in runs:
+        sim.run(0.05)
+    assert state_bits(runs[0]) == state_bits(runs[1])
+
+
+def test_only_an_added_force_can_be_removed_and_not_in_a_callback():
+    sim = grains(timestep=0.1)
+    sim.add_force(spring, "dust", name="spring")
+    for name in ("dust", "wind"):
+        with pytest.raises(KeyError, match=f"{name} is no added force; expected one of spring"):
+            sim.remove_force(name)
+    with pytest.raises(RuntimeError, match="the state is being read"):
+        sim.run(0.3, callback=lambda sim: sim.remove_force("spring"))
+    assert "spring" in sim.effects
+
+
 def test_two_forces_add_and_are_effects_of_their_own():
     gas = {key: value for key, value in TWO_SPECIES["gas"].items() if key != "viscosity"}
     sim = Simulation(TWO_SPECIES | {"gas": gas})
