@@ -92,11 +92,11 @@ def run_loop(loop: Loop, threads: int) -> list[Any]:
 
     If chunks raise exceptions, the exception of the first of these chunks is raised.
     """
-    helpers: list[Future[float]] = []
+    helpers: list[Future[float]] = [Future() for _ in range(1, min(threads, len(loop.left)))]
     try:
         pool = _pool_of_job.get() or _pool_of_threads(threads - 1)
-        for thread in range(1, min(threads, len(loop.left))):
-            helpers.append(pool.submit(copy_context().run, loop.run_chunks, thread))
+        for number in range(len(helpers)):
+            pool.submit(copy_context().run, _complete, helpers, number, loop.run_chunks, number + 1)
         loop.run_chunks(0)
     except BaseException as fault:  # Ctrl-C between two chunks
         loop.raised[-1] = fault
@@ -118,12 +118,12 @@ def run_concurrently(*jobs: Callable[[], object]) -> None:
             job()
         return
     pool = _pool_of_threads(number_of_threads())
-    begun: list[Future[object]] = []
+    begun: list[Future[object]] = [Future() for _ in jobs]
     raised: dict[int, BaseException | None] = {}
     token = _pool_of_job.set(pool)
     try:
-        for job in jobs:
-            begun.append(pool.submit(copy_context().run, job))
+        for number, job in enumerate(jobs):
+            pool.submit(copy_context().run, _complete, begun, number, job)
         wait(begun)
     except BaseException as fault:  # Ctrl-C
         raised[-1] = fault
@@ -134,6 +134,22 @@ def run_concurrently(*jobs: Callable[[], object]) -> None:
         raised = {number: future.exception() for number, future in enumerate(begun) if future.exception() is not None}
     begun.clear()
     _raise_first(raised)
+
+
+def _complete(futures: list[Future[Any]], number: int, call: Callable[..., Any], *given: Any) -> None:
+    """Store the result of a call, or its exception, in `futures[number]`; make no call if the future is cancelled.
+
+    The future exists before the call is submitted to a pool. An interrupt within `submit` then loses no future. The
+    caller clears the list to avoid reference cycles of exceptions and frames.
+    """
+    future = futures[number] if futures else None
+    if future is None or not future.set_running_or_notify_cancel():
+        return
+    try:
+        future.set_result(call(*given))
+    except BaseException as fault:  # re-raised in the caller
+        future.set_exception(fault)
+        future = None  # a reference of this frame, which the exception refers to
 
 
 def _raise_first(raised: dict[int, Any]) -> None:

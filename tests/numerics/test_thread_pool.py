@@ -6,6 +6,7 @@ import signal
 import threading
 import time
 import weakref
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 
 import pytest
@@ -109,6 +110,31 @@ def test_ctrl_c_waits_for_the_jobs_that_have_begun(four_cores, where):
         time.sleep(1.0)
     assert ended == [True]
     run_nine_jobs()
+
+
+@pytest.mark.parametrize("work", ["jobs", "loop"])
+def test_ctrl_c_while_work_is_handed_over_loses_none_of_it(four_cores, monkeypatch, work):
+    """It comes once the pool has the work and before the caller knows: no thread goes on with arrays afterwards."""
+    begun, ended = threading.Event(), []
+
+    def job(*piece):
+        begun.set()
+        time.sleep(0.2)
+        ended.append(True)
+
+    class InterruptedPool(ThreadPoolExecutor):
+        def submit(self, *given, **more):
+            super().submit(*given, **more)
+            begun.wait()
+            raise KeyboardInterrupt
+
+    pool = InterruptedPool(2)
+    monkeypatch.setattr("discsim.numerics.thread_pool._pool_of_threads", lambda threads: pool)
+    with pytest.raises(KeyboardInterrupt):
+        run_concurrently(job, job) if work == "jobs" else parallel_for(job, 64, least=1)
+    assert ended == [True]
+    pool.shutdown()
+    assert ended == [True]  # what had not begun is cancelled
 
 
 class Held:
