@@ -19,6 +19,10 @@ WindowOption = Annotated[
         help='Region to show: outer radius "50 au"; radii "10 au,50 au"; on a map centre and half width "X,Y,R".',
     ),
 ]
+RangeOption = Annotated[
+    str | None, typer.Option("--range", metavar="LOW,HIGH", help="Range of the colour bar, or of the axis of profiles.")
+]
+PolarOption = Annotated[bool, typer.Option("--polar", help="Draw maps in angle and radius.")]
 DistanceOption = Annotated[
     str | None,
     typer.Option(metavar="D", help='Distance of the disc, like "140 pc"; axes are then in arcsec, fluxes in mJy.'),
@@ -93,7 +97,7 @@ def plot(
     fields: Annotated[bool, typer.Option("--fields", help="List the fields with units and equations.")] = False,
     population: PopulationOption = None,
     profile: Annotated[bool, typer.Option("--profile", help="Draw radial profiles instead of maps.")] = False,
-    polar: Annotated[bool, typer.Option("--polar", help="Draw maps in angle and radius.")] = False,
+    polar: PolarOption = False,
     time: Annotated[bool, typer.Option("--time", help="Draw maps in radius and time, from all snapshots.")] = False,
     against: Annotated[
         str | None,
@@ -117,9 +121,7 @@ def plot(
         ),
     ] = None,
     window: WindowOption = None,
-    limits: Annotated[
-        str | None, typer.Option("--range", metavar="LOW,HIGH", help="Range of the colour bar or axis.")
-    ] = None,
+    limits: RangeOption = None,
     distance: DistanceOption = None,
     wavelength: WavelengthOption = None,
     opacity: OpacityOption = None,
@@ -175,10 +177,10 @@ def movie(
     source: Annotated[Path, typer.Argument(metavar="DIR", help="Directory of a run.")],
     field: Annotated[str | None, typer.Option(metavar="NAME,...", help="Fields [surface_density].")] = None,
     population: PopulationOption = None,
-    polar: Annotated[bool, typer.Option("--polar", help="Draw maps in angle and radius.")] = False,
+    polar: PolarOption = False,
     rate: Annotated[float, typer.Option(min=0.1, max=100.0, help="Snapshots per second.")] = 10.0,
     window: WindowOption = None,
-    limits: Annotated[str | None, typer.Option("--range", metavar="LOW,HIGH", help="Range of the colour bar.")] = None,
+    limits: RangeOption = None,
     distance: DistanceOption = None,
     wavelength: WavelengthOption = None,
     opacity: OpacityOption = None,

@@ -10,20 +10,9 @@ from astropy import constants
 from astropy import units as u
 from astropy.modeling.models import BlackBody
 from scipy.special import erf
-from sky_discs import UNITS, even_positions, particles, snapshot
+from sky_discs import UNITS, even_positions, particles, scene_of_layers, snapshot
 from transfer_readers import radmc3d_grid
 
-SCENE = """
-title = "A thin disc"
-units = {system = "physical", length = "2 au", mass = "0.7 Msun"}
-run = {until = "3 yr"}
-space = {size = "400 au", cells = 32}
-star = {mass = "1.3 Msun"}
-drag = {law = "epstein", direction = "one-way"}
-initial = {kind = "disc", mass = "1e-3 Msun", inner = "10 au", outer = "80 au"}
-gas = {particles = 2000, eos = {kind = "locally-isothermal", aspect_ratio = 0.06, reference_radius = "13 au"}}
-dust = {particles = 500, ratio = 0.01, grain_density = "2 g/cm3", grain_size = "0.4 mm"}
-"""
 FREQUENCY = (1.3 * u.mm).to("Hz", u.spectral())
 KAPPA = 10 * FREQUENCY.to_value("THz") * u.cm**2 / u.g
 INTENSITY = 3e-15  # erg/s/cm2/Hz/sr of the image by the program in place of RADMC-3D, face-on
@@ -86,7 +75,7 @@ def disc():
     density, omega2 = 2e-6 * (r / 7) ** -1.3, 1.3 / 0.7 / r**3
     heat = {"pressure": density * (0.06 * r) ** 2 * omega2, "temperature": temperature(2 * r)}
     dust = particles(pos, 1e-3 * density * area, stokes=np.full(len(pos), 0.02))
-    return snapshot(dust, particles(pos, density * area, density=density, **heat), SCENE)
+    return snapshot(dust, particles(pos, density * area, density=density, **heat), scene_of_layers("0.4 mm"))
 
 
 @pytest.fixture

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from astropy import constants
 from astropy import units as u
-from sky_discs import UNITS, even_positions, particles, snapshot
+from sky_discs import UNITS, even_positions, particles, scene_of_layers, snapshot
 from transfer_readers import (
     mcfost_bins,
     mcfost_density,
@@ -24,18 +24,7 @@ from discsim.output.fields.base import PlotError
 CM = UNITS.cgs("length")
 GRAM = UNITS.cgs("mass")
 ALPHA = 3e-3
-SCENE = """
-title = "A disc of known layers"
-units = {system = "physical", length = "2 au", mass = "0.7 Msun"}
-run = {until = "3 yr"}
-space = {size = "400 au", cells = 32}
-star = {mass = "1.3 Msun"}
-drag = {law = "epstein", direction = "one-way"}
-initial = {kind = "disc", mass = "1e-3 Msun", inner = "10 au", outer = "80 au"}
-gas = {particles = 2000, eos = {kind = "locally-isothermal", aspect_ratio = 0.06, reference_radius = "13 au"}}
-"""
-DUST = '\n[[dust]]\nparticles = 500\nratio = 0.01\ngrain_density = "2 g/cm3"\ngrain_size = '
-TWO_SIZES = SCENE + DUST + '"0.4 mm"\n' + DUST + '"7 mm"\n'
+TWO_SIZES = scene_of_layers("0.4 mm", "7 mm")
 AU2_YR = float(UNITS.in_code(1.0 * u.au**2 / u.yr, "diffusivity"))
 OMEGA2 = 1.3 / 0.7  # Omega^2 r^3, G = 1
 
@@ -134,7 +123,7 @@ def test_an_arc_of_dust_stays_at_its_azimuth(tmp_path):
     rng = np.random.default_rng(3)
     r, phi = rng.uniform(19.0, 21.0, 300), 4.0 + rng.uniform(-0.1, 0.1, 300)
     pos = np.stack([r * np.cos(phi), r * np.sin(phi)], axis=1)
-    snap = snapshot(particles(pos, np.full(300, 1e-9), stokes=np.full(300, 0.3)), gas_of(), SCENE + DUST + '"1 mm"')
+    snap = snapshot(particles(pos, np.full(300, 1e-9), stokes=np.full(300, 0.3)), gas_of(), scene_of_layers("1 mm"))
     where = discsim.export.write(snap, "radmc3d", tmp_path / "arc", alpha=ALPHA, cells=96)
     edges, volume, density = cells_of(where)
     mass = (density[0] * volume).sum(axis=1)
@@ -189,7 +178,7 @@ def many_sizes():
     cm = np.exp(rng.uniform(np.log(3e-3), np.log(2.0), len(pos)))
     dust = particles(pos, 0.01 * sigma(np.hypot(*pos.T)) * area, size=cm / CM, stokes=0.6 * cm)
     gas = gas_of()
-    scene = SCENE + DUST + '"1 mm"\n[growth]\nsmall_size = "0.2 um"\n'
+    scene = scene_of_layers("1 mm") + '[growth]\nsmall_size = "0.2 um"\n'
     return snapshot(dust, gas_of(small=2e-4 * gas.mass), scene), cm
 
 
@@ -365,6 +354,6 @@ def test_a_folder_that_exists_is_not_touched(tmp_path):
 
 def test_dust_without_stokes_numbers_is_refused(tmp_path):
     pos, area = even_positions(5.0, 40.0, 20)
-    snap = snapshot(particles(pos, area), gas_of(), SCENE + DUST + '"1 mm"')
+    snap = snapshot(particles(pos, area), gas_of(), scene_of_layers("1 mm"))
     with pytest.raises(PlotError, match="no Stokes numbers"):
         discsim.export.write(snap, "radmc3d", tmp_path / "a", alpha=ALPHA)

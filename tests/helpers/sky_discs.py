@@ -15,6 +15,22 @@ space = {size = "400 au"}
 star = {mass = "0.7 Msun"}
 initial = {kind = "disc"}
 """
+LAYERS = """
+title = "A disc of known layers"
+units = {system = "physical", length = "2 au", mass = "0.7 Msun"}
+run = {until = "3 yr"}
+space = {size = "400 au", cells = 32}
+star = {mass = "1.3 Msun"}
+drag = {law = "epstein", direction = "one-way"}
+initial = {kind = "disc", mass = "1e-3 Msun", inner = "10 au", outer = "80 au"}
+gas = {particles = 2000, eos = {kind = "locally-isothermal", aspect_ratio = 0.06, reference_radius = "13 au"}}
+"""
+DUST = '\n[[dust]]\nparticles = 500\nratio = 0.01\ngrain_density = "2 g/cm3"\ngrain_size = '
+
+
+def scene_of_layers(*sizes):
+    """A disc about a star of 1.3 Msun, with dust of these sizes, for exports."""
+    return LAYERS + "".join(f'{DUST}"{size}"\n' for size in sizes)
 
 
 def even_positions(inner, outer, rings, spacing=1.0):

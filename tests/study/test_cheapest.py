@@ -104,13 +104,13 @@ def test_faults_are_one_line_and_write_nothing(wave, tmp_path, arguments, words)
 # With a fake in place of runs: error = 0.1 / n + seed's noise, profiles to match
 
 
-def fake(monkeypatch, price=1e-3, most=None):
-    """Runs that take price * n seconds of CPU, whose exact error is 0.4 / n; `most` of them until Ctrl-C."""
+def fake(monkeypatch, price=1e-3, most=None, end=KeyboardInterrupt):
+    """Runs that take price * n seconds of CPU, whose exact error is 0.4 / n; `most` of them until `end` is raised."""
     made, scene_at = [], cache(load_scene)
 
     def one_run(path, overrides, without, limits, say=None):
         if most is not None and len(made) == most:
-            raise KeyboardInterrupt
+            raise end
         scene, changed = scene_at(path), dict(each.split("=", 1) for each in overrides)
         n = int(changed.get("gas.particles", scene.gas.particles))
         made.append(overrides)
@@ -185,15 +185,7 @@ def test_what_is_not_reached_is_told_with_the_best_found(wave, tmp_path, monkeyp
 
 
 def test_the_budget_ends_a_search(wave, tmp_path, monkeypatch, undrawn):
-    made = fake(monkeypatch)
-    once = study_runs.one_run
-
-    def late(*arguments):
-        if len(made) == 6:
-            raise DeadlineError(0.5)
-        return once(*arguments)
-
-    monkeypatch.setattr(study_runs, "one_run", late)
+    fake(monkeypatch, most=6, end=DeadlineError(0.5))
     done = invoke(wave, "--error", "0.01%", *FEW, "--budget", "1 h", "-o", tmp_path / "s")
     assert done.exit_code == 4 and "was not reached: the budget of 1 h" in done.output and "closest is" in done.output
     assert len(kept(tmp_path / "s")) == 6
@@ -207,15 +199,7 @@ def test_the_budget_ends_a_search(wave, tmp_path, monkeypatch, undrawn):
 
 def test_the_summary_of_a_search_cut_short_has_all_its_runs(wave, tmp_path, monkeypatch, undrawn):
     """The deadline falls between the probes of one batch, of which some have ended."""
-    made = fake(monkeypatch)
-    once = study_runs.one_run
-
-    def late(*arguments):
-        if len(made) == 8:
-            raise DeadlineError(0.25)
-        return once(*arguments)
-
-    monkeypatch.setattr(study_runs, "one_run", late)
+    fake(monkeypatch, most=8, end=DeadlineError(0.25))
     done = invoke(wave, "--error", "0.9%", *FEW, "-o", tmp_path / "s")
     runs = kept(tmp_path / "s")
     cpu = sum(run["cpu"] for run in runs) + 0.25
