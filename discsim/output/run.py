@@ -85,7 +85,12 @@ class TimeProfile:
         """
         from matplotlib import colormaps
 
-        ax = plots.axes_or_new(ax)
+        from discsim.output.drawing import BELOW
+
+        is_new, ax = ax is None, plots.axes_or_new(ax)
+        if is_new:
+            figure: Any = ax.figure
+            figure.set_layout_engine("constrained")  # makes room for the legend below
         last, log = len(self.time) - 1, field_named(self.name).scale == "log"
         for number in np.unique(np.linspace(0, last, MAX_LINES).round().astype(int)):
             values = self.values[number].value
@@ -104,7 +109,7 @@ class TimeProfile:
         ax.grid(alpha=0.3)
         unit = f" [{self.radius.unit}]".replace("AU", "au") if str(self.radius.unit) else ""
         ax.set(xlabel=f"r{unit}", ylabel=self.label)
-        ax.legend(frameon=False, fontsize=9)
+        plots.curves.draw_legend(ax, ax.get_legend_handles_labels()[0], BELOW if is_new else None)
         return ax
 
     def to_pandas(self) -> Any:

@@ -97,7 +97,7 @@ def draw_legend(axes: Axes, handles: Sequence[Any], under: float | None = None) 
             handles=handles, ncols=columns, loc="upper center", bbox_to_anchor=(0.5, 0.0), bbox_transform=place,
             borderaxespad=0.0, **style,
         )  # fmt: skip
-        if legend.get_window_extent(figure.canvas.get_renderer()).width <= axes.get_window_extent().width:
+        if legend.get_window_extent().width <= axes.get_window_extent().width:
             return
 
 
@@ -106,9 +106,8 @@ def legend_height(axes: Axes, under: float) -> float:
     legend = axes.get_legend()
     if legend is None:
         return 0.0
-    figure: Any = axes.figure
-    bottom = legend.get_window_extent(figure.canvas.get_renderer()).y0
-    return max(0.0, (axes.get_window_extent().y0 - bottom) / figure.dpi - under)
+    bottom = legend.get_window_extent().y0
+    return max(0.0, (axes.get_window_extent().y0 - bottom) / axes.figure.dpi - under)
 
 
 def _decades_spanned(shown: Sequence[Array]) -> float:

@@ -125,7 +125,7 @@ def test_the_other_run_over_the_first(run, other):
 
 def test_profiles_are_of_the_times_that_are_asked_for(run):
     units = discsim.read_snapshot(snapshot_files(run)[0]).units
-    texts = [units.show_time(time) for time in (1.0, 2.0)]
+    texts = [units.show(time, "time") for time in (1.0, 2.0)]
     assert [each.path.stem for each in select_snapshots([run], texts)] == ["0001", "0002"]
     figure = Request([run], ["dust.surface_density"], "profile", texts).figure()
     (axes,) = figure.axes
