@@ -533,9 +533,8 @@ class Simulation(Summarised):
         refuse_changed_scene(path, groups["scene"]["text"].tobytes(), self.scene)
         checkpoint_contents.refuse_other_forces(values, self.effects)
         found = checkpoint_contents.checked_contents(path, self.state, self.effects, groups, values)
-        if remark := checkpoint.other_version_warning(
-            values
-        ):  # before anything is set, as a filter may raise it as an exception
+        remark = checkpoint.other_version_warning(values)
+        if remark:  # before anything is set, as a filter may raise it as an exception
             warnings.warn(remark, checkpoint.OtherVersionWarning, stacklevel=2)
         self.state.set_arrays(found.particles)
         for name, value in found.of_state.items():
