@@ -224,7 +224,7 @@ GAS_FIELDS = (
     "surface_density", "density", "temperature", "pressure", "sound_speed", "aspect_ratio", "toomre_q", "h",
 )  # fmt: skip
 DUST_FIELDS = ("surface_density", "stokes", "stopping_time", "size")
-MOTION_FIELDS = ("v_r", "v_phi", "v_phi_excess", "v_x", "v_y", "eccentricity", "radius", "x", "y")
+MOTION_FIELDS = ("v_r", "v_phi", "v_phi_excess", "v_x", "v_y", "v_across", "eccentricity", "radius", "x", "y")
 
 
 def _fields_of(species: str, names: Sequence[str]) -> dict[str, str]:

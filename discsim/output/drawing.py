@@ -201,7 +201,8 @@ def map_picture(binned: BinnedFields, name: str, window: Window, arcsec_per_au: 
     scale = arcsec_per_au or 1.0
     marks = [(scale * mx, scale * my, star) for mx, my, star in body_marks(snap)]
     inside = [mark for mark in marks if x[0] <= mark[0] <= x[1] and y[0] <= mark[1] <= y[1]]
-    return Picture(snap, name, values, x, y, (f"x{unit}", f"y{unit}"), inside, scale)
+    along, up = ("radius x", "height y") if "shearing_box" in snap.tables else ("x", "y")
+    return Picture(snap, name, values, x, y, (f"{along}{unit}", f"{up}{unit}"), inside, scale)
 
 
 def draw_picture(

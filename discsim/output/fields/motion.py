@@ -22,7 +22,7 @@ def _for_gas_and_dust(
 ) -> Callable[[ValuesOf], tuple[base.Field, base.Field]]:
     """Return a decorator that makes a field of gas and a field of dust from a function (snapshot, particles).
 
-    `needs` and `more` are attributes of `Field`; "vel" in `needs` stands for the velocity column of the species.
+    `needs` and `more` are attributes of `Field`; "vel" and "across" in `needs` stand for the columns of the species.
     """
 
     def field_of(species: str, values: ValuesOf) -> base.Field:
@@ -30,7 +30,7 @@ def _for_gas_and_dust(
             return values(snap, snap.species[species])
 
         values_of_species.__doc__ = values.__doc__
-        own = tuple(f"{species}.vel" if need == "vel" else need for need in needs)
+        own = tuple(f"{species}.{need}" if need in ("vel", "across") else need for need in needs)
         return base.of_particles(species, dimension, label, needs=own, **more)(values_of_species)
 
     return lambda values: (field_of("gas", values), field_of("dust", values))
@@ -64,6 +64,13 @@ def _v_x(snap: Snapshot, p: SnapshotParticles) -> Array:
 def _v_y(snap: Snapshot, p: SnapshotParticles) -> Array:
     """velocity along y: v_y"""
     return p.vel[:, 1]
+
+
+@_for_gas_and_dust("velocity", r"$v_{\perp,SPECIES}$", "across", "plane", scale="linear", colours="viridis")
+def _v_across(snap: Snapshot, p: SnapshotParticles) -> Array:
+    """azimuthal velocity in a shearing box, relative to the shear flow: v_across"""
+    assert p.across is not None  # by the needs of the field
+    return p.across
 
 
 @_for_gas_and_dust("velocity", "$v_{r,SPECIES}$", "vel", "plane", unit="m/s", scale="signed", colours="RdBu_r")
@@ -111,6 +118,7 @@ gas_x, dust_x = _x
 gas_y, dust_y = _y
 gas_v_x, dust_v_x = _v_x
 gas_v_y, dust_v_y = _v_y
+gas_v_across, dust_v_across = _v_across
 gas_v_r, dust_v_r = _v_r
 gas_v_phi, dust_v_phi = _v_phi
 gas_v_phi_excess, dust_v_phi_excess = _v_phi_excess

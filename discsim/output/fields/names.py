@@ -176,6 +176,8 @@ def _column_hint(name: str, tables: dict[str, object]) -> str:
     """Return the reason why a snapshot of a scene with these tables lacks a column, with a colon; "" if unknown."""
     if name == "small":
         return ": the scene has no [growth]"
+    if name == "across":
+        return ": the scene has no [shearing_box]"
     if name == "size":
         return ": the grains have one size; only a size distribution or [growth] stores sizes"
     if name in ("stokes", "stopping_time"):
