@@ -2,8 +2,9 @@
 
 Each node gathers mean velocities and velocity slopes of gas and dust from nine cells. The slip at a node, the velocity
 of dust relative to gas, relaxes exactly, with accelerations included. The change of the slip is scattered to particles
-with the weights of the gather, so that momentum is conserved. Angular momentum is conserved too, except at nodes with
-almost no gas. The residual velocity of a particle about the linear field of its own species decays (equations in
+with the weights of the gather, so that momentum is conserved. What these weights smooth away is added again, to second
+order, also where the dust-to-gas ratio varies. Angular momentum is conserved too, except at nodes with almost no gas.
+The residual velocity of a particle about the linear field of its own species decays (equations in
 `kernels/drag/tsc/nodes.py`). About a star, velocities are relative to circular orbits (`drag/frame.py`).
 
 Cells are blocks of `drag/cells.py`. The side of a cell is the power of two, in leaves, that is nearest to the target
