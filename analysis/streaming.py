@@ -73,7 +73,19 @@ WAVES = {
 }
 CLUMPS = {"AB": Clumping(0.1, 1.0, 2.0, 30.0, 5.0), "BA": Clumping(1.0, 0.2, 40.0, 150.0, 20.0)}
 SCHEMES = {"tsc": BLUE, "idic-linear": RED, "idic": PURPLE}
-GROWTH = "case", "scheme", "cells", "rate", "frequency", "exact_rate", "exact_frequency", "error", "steps", "cpu_s"
+GROWTH = (
+    "case",
+    "scheme",
+    "cells",
+    "folds",
+    "rate",
+    "frequency",
+    "exact_rate",
+    "exact_frequency",
+    "error",
+    "steps",
+    "cpu_s",
+)
 STATISTICS = "largest", "densest_1_percent", "densest_0.1_percent", "drift_over_nsh", "rms_gas", "rms_dust"
 CLUMPING = "case", "cells", *STATISTICS, "peak", "steps", "cpu_s"
 
@@ -119,8 +131,9 @@ def wave_run(case: str, scheme: str, cells: int, folds: float, watch: Callable[[
     t, z = np.array(times)[SAMPLES // 4 :], np.array(amplitudes)[SAMPLES // 4 :]
     rate, frequency = np.polyfit(t, np.log(np.abs(z)), 1)[0], np.polyfit(t, np.unwrap(np.angle(z)), 1)[0]
     return {
-        "case": case, "scheme": scheme, "cells": cells, "rate": float(rate), "frequency": float(frequency),
-        "exact_rate": exact.real, "exact_frequency": exact.imag, "error": float(rate / exact.real - 1.0),
+        "case": case, "scheme": scheme, "cells": cells, "folds": folds, "rate": float(rate),
+        "frequency": float(frequency), "exact_rate": exact.real, "exact_frequency": exact.imag,
+        "error": float(rate / exact.real - 1.0),
         "steps": sim.state.step, "cpu_s": time.process_time() - begin,
     }  # fmt: skip
 
@@ -237,7 +250,7 @@ def main(arguments: list[str] | None = None) -> int:
                     continue
                 for scheme in given.schemes:
                     run = partial(wave_run, case, scheme, cells, given.folds)
-                    make(given.out / f"growth-{case}-{scheme}-{cells}.json", run, progress)
+                    make(given.out / f"growth-{case}-{scheme}-{cells}-{given.folds:g}.json", run, progress)
     known, columns, draw = (WAVES, GROWTH, draw_growth) if given.study == "growth" else (CLUMPS, CLUMPING, draw_clumps)
     rows = [json.loads(file.read_text()) for file in given.out.glob(f"{given.study}-*.json")]
     schemes = list(SCHEMES)
