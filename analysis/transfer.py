@@ -39,7 +39,7 @@ from script_helpers import whole_numbers
 
 import discsim.export
 from discsim import shipped
-from discsim.output.results import positive_number, print_fault, print_table, script_parser, write_table
+from discsim.output.results import print_fault, print_table, script_parser, write_table
 from discsim.output.run import Run
 from discsim.output.snapshot import Snapshot
 from discsim.printable import UserError
@@ -275,6 +275,17 @@ def numbers(text: str) -> list[float]:
     if not found or not all(0.0 <= each < np.inf for each in found):
         raise ArgumentTypeError(f"{text!r}: expected numbers from 0, separated by commas")
     return found
+
+
+def positive_number(text: str) -> float:
+    """Return the positive number in a text, as a type of argparse. Raises ArgumentTypeError."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f"{text!r}: expected a number above 0")
+    return value
 
 
 def main(arguments: list[str] | None = None, prog: str | None = None) -> int:
