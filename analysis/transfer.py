@@ -22,6 +22,8 @@ RADMC-3D 2.0: https://github.com/dullemond/radmc3d-2.0. MCFOST 4.1: https://gith
 
 from __future__ import annotations
 
+import argparse
+import math
 import re
 import shutil
 import subprocess

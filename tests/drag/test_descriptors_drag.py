@@ -224,8 +224,8 @@ OWN = {
     # Artificial viscosity is "reconstructed" too, by gas.viscosity.pairs.
     "schemes": {f"{SCHEMES.module(name).removeprefix('discsim.').replace('.', '/')}.py" for name in SCHEMES}
     | {"effects/gas.py", "scene/keys.py", "numerics/sph.py"},
-    # The descriptions of the keys K, t_stop and stokes say which laws they are for. Populations without sizes are called
-    # by their Stokes number.
+    # The descriptions of the keys K, t_stop and stokes say which laws they are for. Populations may have
+    # their Stokes number as a name.
     "laws": {"physics/laws.py", "effects/drag.py", "scene/keys.py", "scene/populations.py"},
     # The keys of cooling say which equation of state they need.
     "eos": {"physics/eos.py", "scene/keys.py"},
