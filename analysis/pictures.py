@@ -57,11 +57,6 @@ FILMS: dict[str, tuple[str, tuple[str, ...], tuple[str, ...]]] = {
         ("gas.particles=16000", "space.cells=192", "run.until=1600 yr", "run.snapshots=80"),
         ("movie", "--field", "gas.surface_density", "--rate", "12"),
     ),
-    "film_streaming_clumps": (
-        "streaming_clumps",
-        ("gas.particles=8000", "dust.particles=30000", "run.until=100", "run.snapshots=100"),
-        ("movie", "--field", "dust.surface_density", "--rate", "12"),
-    ),
 }
 
 MADE = PICTURES | FILMS
