@@ -54,14 +54,15 @@ def test_the_step_it_would_take_is_no_reason_to_stop(name):
 
 
 def test_command_line_with_a_step_ten_times_over_courant(tmp_path):
-    """Exit status 3, one message that says why and how to go on, the checkpoint of the start, and no traceback."""
+    """Exit status 3, a warning before, one message of why and how to go on, the start's checkpoint, no traceback."""
     out = tmp_path / "out"
     command = [sys.executable, "-m", "discsim", "run", "setups/dusty_shock.toml", "-o", str(out), "--quiet"]
     for override in forced("dusty_shock", 10.0):
         command += ["--set", override]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert done.returncode == 3
-    message = done.stderr.strip()
+    warning, _, message = done.stderr.strip().partition("\n")
+    assert re.match(r"warning: run\.timestep = .* times the sound limit .*: lower run\.timestep to [\d.]+,", warning)
     assert message.startswith("stopped by a numerical failure at t = 0") and message.count("run.timestep is ") == 1
     assert re.search(r"; lower run\.timestep to at most [\d.]+$", message.splitlines()[0])
     assert "Traceback" not in message and "Warning" not in message and len(message.splitlines()) == 2
