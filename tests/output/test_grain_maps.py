@@ -8,7 +8,7 @@ import pytest
 from discsim.numerics.state import Dust
 from discsim.output import figure
 from discsim.output.drawing import common_norm, map_picture
-from discsim.output.fields.values import fields_on_pixels
+from discsim.output.fields.values import fields_on_pixels, smooth_profile
 from discsim.output.snapshot import SnapshotParticles, read_snapshot
 from discsim.output.snapshot_writer import write_snapshot
 from discsim.scene import load_scene
@@ -27,7 +27,7 @@ SCENE = {
 }
 
 
-def snapshot(tmp_path, mass=None):
+def snapshot(tmp_path, mass=None, without_gas=()):
     """Beyond r = 2 a third of the mass is in grains of .001 and two thirds in those of .004; within, all of .01."""
     rng = np.random.default_rng(1)
     r = 1.0 + 2.0 * (np.arange(COUNT) + 0.5) / COUNT
@@ -38,7 +38,9 @@ def snapshot(tmp_path, mass=None):
     mass = np.where(small, 1.0, 2.0) * 1e-9 if mass is None else mass
     zero = np.zeros_like(pos)
     dust = Dust(pos=pos, vel=zero, acc=zero, mass=mass, ids=np.arange(COUNT), species=np.zeros(COUNT, int), size=size)
-    write_snapshot(tmp_path / "a.h5", load_scene(SCENE), 0.0, None, dust, {"dust": {"stokes": 30.0 * size}})
+    stokes = 30.0 * size
+    stokes[list(without_gas)] = np.inf
+    write_snapshot(tmp_path / "a.h5", load_scene(SCENE), 0.0, None, dust, {"dust": {"stokes": stokes}})
     return read_snapshot(tmp_path / "a.h5")
 
 
@@ -54,6 +56,18 @@ def test_maps_are_means_over_mass(tmp_path):
         # (1 * .001 + 2 * .004) / 3; a pixel's Gaussian has some ten grains, 8,000 pixels have all.
         assert np.mean(mean[(r > 2.2) & (r < 2.8)]) == pytest.approx(0.003 * unit, rel=0.02)
         assert np.isnan(mean[(r < 0.6) | (r > 3.6)]).all()
+
+
+def test_means_leave_out_grains_without_gas(tmp_path):
+    """Their Stokes numbers are infinite; of the grains with gas within r = 2 all have 0.3."""
+    snap = snapshot(tmp_path, without_gas=range(0, 1200, 3))
+    mean = snap.field("dust.stokes", WINDOW, 160).value
+    centres = -4.0 + 8.0 / 160 * (np.arange(160) + 0.5)
+    r = np.hypot(*np.meshgrid(centres, centres))
+    np.testing.assert_allclose(mean[(r > 1.1) & (r < 1.5)], 0.3, rtol=1e-3)
+    edges, binned = smooth_profile(snap, (1.0, 3.0))
+    at = 0.5 * (edges[1:] + edges[:-1])
+    np.testing.assert_allclose(binned["dust.stokes"][(at > 1.1) & (at < 1.5)], 0.3, rtol=1e-3)
 
 
 def test_the_figure_has_them(tmp_path):

@@ -107,8 +107,14 @@ class BinnedFields:
         return self._populations[population]
 
     def mean(self, species: str, values: Array) -> Array:
-        """Return the mass-weighted mean of `values` (n,) of the particles of a species; NaN for too little mass."""
-        bins, mass = self.bins(species), self.mass(species)
+        """Return the mass-weighted mean of `values` (n,) of the particles of a species; NaN for too little mass.
+
+        Infinite values, such as Stokes numbers of grains without gas, are left out.
+        """
+        bins, mass, infinite = self.bins(species), self.mass(species), np.isinf(values)
+        if infinite.any():
+            values = np.where(infinite, 0.0, values)
+            mass = bins.sum(np.where(infinite, 0.0, self.snap.species[species].mass))
         weighted = bins.sum(self.snap.species[species].mass * values)
         return np.divide(weighted, mass, where=bins.has_enough_mass(mass), out=np.full(mass.shape, np.nan))
 
