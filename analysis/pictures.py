@@ -57,6 +57,11 @@ FILMS: dict[str, tuple[str, tuple[str, ...], tuple[str, ...]]] = {
         ("gas.particles=16000", "space.cells=192", "run.until=1600 yr", "run.snapshots=80"),
         ("movie", "--field", "gas.surface_density", "--rate", "12"),
     ),
+    "film_streaming_clumps": (
+        "streaming_clumps",
+        ("gas.particles=8000", "dust.particles=30000", "run.until=100", "run.snapshots=50"),
+        ("movie", "--field", "dust.surface_density", "--rate", "8"),
+    ),
 }
 
 MADE = PICTURES | FILMS
@@ -111,7 +116,7 @@ def store_film(film: Path, path: Path) -> None:
     from imageio_ffmpeg import get_ffmpeg_exe
 
     encoder = [get_ffmpeg_exe(), "-y", "-loglevel", "error"]
-    small = ["-c:v", "libx264", "-crf", "23", "-preset", "veryslow", "-pix_fmt", "yuv420p", "-movflags", "+faststart"]
+    small = ["-c:v", "libx264", "-crf", "28", "-preset", "veryslow", "-pix_fmt", "yuv420p", "-movflags", "+faststart"]
     still = path.with_suffix(".jpg")
     subprocess.run([*encoder, "-i", film, *small, path], check=True)
     subprocess.run([*encoder, "-sseof", "-0.2", "-i", film, "-update", "1", "-q:v", "3", still], check=True)

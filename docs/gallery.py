@@ -43,6 +43,7 @@ FILMS = {
     "fragmenting_disc": "Spiral arms of dust grow within half an orbit, and break into clumps that orbit the star.",
     "gravitoturbulent": "A smooth disc of gas cools, and spiral arms form, which shear apart and form again.",
     "planet_dust": "One frame for each orbit of the planet: it opens a gap, and dust gathers in rings at the edges.",
+    "streaming_clumps": "Grains placed at random gather in filaments, which collide and merge to a few dense clumps.",
 }
 # What makes the run of a figure a short one. Setups that are in neither list run as they are.
 SMALLER = {

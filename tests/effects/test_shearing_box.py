@@ -122,14 +122,40 @@ def test_drift_stays_to_rounding(scheme, direction, sizes):
     assert largest_deviation(sim, direction == "two-way") < 1e-12
 
 
+# Sizes, and ratios to the gas, whose fastest growing wave in this box grows by less than a factor of 5 in 100 / Omega.
+STEADY = [{**table, "ratio": e, "t_stop": t} for table, t, e in zip(EVEN["dust"], (0.004, 0.03, 3.0), (0.1, 0.05, 0.2))]
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("courant", [0.03, 0.4])
-def test_drift_stays_to_rounding_for_100_orbital_times(courant):
-    tables = scene(EVEN["dust"], gas=EVEN["gas"], run={"until": 100.0 / OMEGA, "courant": courant})
+@pytest.mark.parametrize("courant", [0.08, 0.4])
+@pytest.mark.parametrize("sizes", [1, 3])
+def test_drift_stays_to_rounding_for_100_orbital_times(sizes, courant):
+    dust = STEADY[:sizes]
+    tables = scene(dust, gas=EVEN["gas"], run={"until": 100.0 / OMEGA, "courant": courant})
     tables["drag"] = {"law": "stopping-time", "cell_length": 0.1}
     sim = Simulation(tables)
     sim.run()
-    assert largest_deviation(sim) < 1e-12
+    found, expected = velocities(sim), expected_velocities(sim, drift(dust))
+    assert max(np.abs(found[name] - expected[name]).max() for name in found) < 1e-12
+
+
+@pytest.mark.slow
+def test_rounding_errors_of_the_drift_grow_as_the_fastest_wave_of_the_box():
+    """By 4e6 in 100 / Omega, from 2e-16 to 2e-15; mean velocities of gas and of each size stay to 1e-12."""
+    tables = scene(EVEN["dust"], gas=EVEN["gas"], run={"until": 100.0 / OMEGA})
+    tables["drag"] = {"law": "stopping-time", "cell_length": 0.1}
+    sim = Simulation(tables)
+    sim.run()
+    sizes = [(table["t_stop"], table["ratio"]) for table in EVEN["dust"]]
+    given = streaming.box(*np.transpose(sizes), WIND, 4.0, OMEGA, SHEAR)
+    waves = 2.0 * np.pi * np.argwhere(np.ones((8, 8)))[1:] / [0.8, 0.6]
+    rate = max(streaming.fastest_mode(given, *wave).rate.real for wave in waves)
+    assert 2e-16 < largest_deviation(sim) / math.exp(rate * sim.time) < 4e-15
+    found, expected = velocities(sim), expected_velocities(sim, drift(EVEN["dust"]))
+    populations = [sim.dust.species == k for k in range(3)]
+    off = [(found["gas"] - expected["gas"]).mean(axis=0)]
+    off += [(found["dust"] - expected["dust"])[mine].mean(axis=0) for mine in populations]
+    assert np.abs(off).max() < 1e-12
 
 
 @pytest.mark.parametrize("scheme", ["esph", "isph"])
@@ -172,27 +198,33 @@ def test_mean_velocity_of_a_boosted_box_turns_with_the_epicycle():
 
 
 def growth(tables, until):
+    """Rate of the wave; the phase advances by less than half a turn from sample to sample."""
     sim = Simulation(load_scene(tables))
-    values = []
-    for k in range(1, 6):
-        sim.evolve(until * k / 5)
+    values, samples = [], 5 if until < 10.0 else 40
+    for k in range(1, samples + 1):
+        sim.evolve(until * k / samples)
         with sim.synchronised() as state:
             values.append(mode_amplitude(sim.scene, type("Now", (), {"state": state})))
-    times = until * np.arange(1, 6) / 5
+    times = until * np.arange(1, samples + 1) / samples
     rate = np.polyfit(times, np.log(np.abs(values)), 1)[0]
     return rate + 1j * np.polyfit(times, np.unwrap(np.angle(values)), 1)[0]
 
 
 def wave_box(k, sizes, cells, sound_speed=5.0, **gas):
-    """One oblique wave of wave number k, with four particles of gas in a drag cell. sizes: t_stop, ratio of each."""
+    """One oblique wave of wave number k, with four particles of gas in a drag cell. sizes: t_stop, ratio of each.
+
+    The largest density amplitude is 1e-3. The gas has enough neighbours that its lattice does not resist shear.
+    """
     side, number = 2.0 * np.pi / k, 4 * cells**2
+    mode = streaming.fastest_mode(streaming.box(*np.transpose(sizes), sound_speed=sound_speed), k, k)
     return {
         "units": {"system": "code"},
         "run": {"until": 1.0, "courant": 0.3},
         "space": {"size": [side, side], "boundary": "periodic"},
-        "initial": {"kind": "streaming", "amplitude": 1e-3},
+        "initial": {"kind": "streaming", "amplitude": 1e-3 / float(np.abs(mode.amplitudes[:, 0]).max())},
         "shearing_box": {"omega": 1.0, "headwind": 1.0},
-        "gas": {**GAS, "particles": number, "eos": {"kind": "isothermal", "sound_speed": sound_speed}} | gas,
+        "gas": {**GAS, "eta": 2.9, "particles": number, "eos": {"kind": "isothermal", "sound_speed": sound_speed}}
+        | gas,
         "dust": [{"particles": number, "ratio": ratio, "t_stop": time} for time, ratio in sizes],
         "drag": {"law": "stopping-time", "cell_length": side / cells},
     }
@@ -203,10 +235,12 @@ def exact_rate(k, sizes, sound_speed=5.0):
 
 
 LIN_A, LIN_B, LIN_3 = (30.0, [(0.1, 3.0)]), (6.0, [(0.1, 0.2)]), (50.0, [(0.0425, 1.0), (0.1, 0.5)])
+TIMES = np.logspace(-3.0, -1.0, 16)  # of 16 sizes in an MRN distribution, with three times the mass of the gas
+LIN_16 = 50.0, [(t, 3.0 * math.sqrt(t) / np.sqrt(TIMES).sum()) for t in TIMES]
 
 
 def test_lin_a_grows_at_16_cells():
-    """By 0.6%: 0.2% is the error at 16 cells in a wavelength, the rest that of a short run in soft gas."""
+    """Within 1%, of which 0.03% is the error at 16 cells in a wavelength; the rest is that of a short run in soft gas."""
     rate, exact = growth(wave_box(*LIN_A, 16, 2.0), 0.4), exact_rate(*LIN_A, 2.0)
     assert rate.real == pytest.approx(exact.real, rel=0.01)
     assert rate.imag == pytest.approx(exact.imag, rel=0.01)
@@ -217,32 +251,32 @@ def test_lin_a_grows_at_16_cells():
     "change",
     [
         {"sound_speed": 20.0},
-        {"kernel": "quintic", "eta": 1.1},
+        {"kernel": "quintic", "eta": 1.9},
         {"particles": 1700},
-        {"kernel": "wendland-c4", "eta": 2.1},
+        {"eta": 2.3},
     ],
 )
 def test_growth_does_not_depend_on_sound_speed_kernel_and_numbers(change):
-    """linA at 16 cells: 0.2% is the error of the cells."""
+    """linA at 16 cells: 0.03%, and 0.3% with fewer neighbours."""
     rate, exact = growth(wave_box(*LIN_A, 16, **change), 2.0), exact_rate(*LIN_A, change.get("sound_speed", 5.0))
-    assert rate.real == pytest.approx(exact.real, rel=0.005)
+    assert rate.real == pytest.approx(exact.real, rel=0.004)
     assert rate.imag == pytest.approx(exact.imag, rel=0.008)
 
 
 @pytest.mark.slow
 def test_error_of_growth_falls_faster_than_with_the_square_of_the_cell():
-    """linA at 8, 16 and 32 cells: measured 2.2%, 0.20% and 0.13%, of which 0.1% is that of the gas."""
+    """linA at 8, 16 and 32 cells."""
     errors = [abs(growth(wave_box(*LIN_A, cells), 2.0).real / exact_rate(*LIN_A).real - 1.0) for cells in (8, 16, 32)]
-    assert errors[0] < 0.03 and errors[1] < errors[0] / 5.0 and errors[2] < 0.003
+    assert errors[0] < 0.03 and errors[1] < errors[0] / 5.0 and errors[2] < 1e-3
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("case, until", [(LIN_B, 60.0), (LIN_3, 2.5)])
-def test_growth_of_weak_modes_and_of_two_sizes(case, until):
-    """At 16 cells; until about one growth time."""
+@pytest.mark.parametrize("case, until", [(LIN_B, 60.0), (LIN_3, 2.5), (LIN_16, 4.0)], ids=["linB", "two", "sixteen"])
+def test_growth_of_weak_modes_and_of_several_sizes(case, until):
+    """At 16 cells, until about one growth time, or half of it: rates within 0.5%, frequencies within 1%."""
     rate, exact = growth(wave_box(*case, 16), until), exact_rate(*case)
     assert rate.real == pytest.approx(exact.real, rel=0.005)
-    assert rate.imag == pytest.approx(exact.imag, rel=0.008)
+    assert rate.imag == pytest.approx(exact.imag, rel=0.01)
 
 
 def test_the_start_is_the_mode():
