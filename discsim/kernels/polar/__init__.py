@@ -1,0 +1,1 @@
+"""Kernels of gas in polar cells (`numerics/polar.py`)."""

@@ -1,0 +1,257 @@
+"""Motion of gas through the sides of polar cells: mass, momenta and energy, one direction at a time.
+
+In a sweep, gas that passes a side has moved by
+
+    s = u dt / (1 + dt du/dx),                                                                          (1)
+
+exact for free motion in a velocity u(x) that is linear about the side. Its mass is the integral of the parabola of the
+surface density (`parabola.py`) over the volume that is swept, and it carries the means of radial velocity, angular
+momentum and energy per mass over this volume. Mass and angular momentum are therefore conserved to rounding. u is
+continuous in smooth flow; at jumps it is the velocity of the contact in an acoustic Riemann problem,
+
+    u = (Z_L u_L + Z_R u_R - (p_R - p_L)) / (Z_L + Z_R),   Z = Sigma c_s = (gamma P Sigma)^(1/2).        (2)
+
+In azimuth the mean rotation of a ring moves the gas by a whole number of cells, which is exact, and by the rest
+together with the velocity relative to the mean (FARGO, Masset 2000, A&AS 141, 165). The centrifugal acceleration
+l^2 / r^3 is applied over half of dt before the sweeps and half after them. With gravity in the kick this is a leapfrog
+in polar coordinates: circular orbits are exact at any step.
+
+Mixing of gas in a cell conserves momentum and loses kinetic energy of the motion along the sweep. Gas that holds heat
+gains this energy, so that shocks have the right heat.
+"""
+
+import math
+
+import numpy as np
+
+from discsim.jit.decorators import inline_jit, jit, jit_subroutine
+from discsim.kernels.polar.geometry import DENSITY, ENERGY, GHOSTS, PRESSURE, RADIAL, SPIN, pad_row
+from discsim.kernels.polar.parabola import part_mean, sides_along_ring, sides_of_ring
+
+MASS, MOMENTUM, ANGULAR, HEAT, KINETIC = range(5)  # rows of fluxes through the sides of a ring
+LEAST_STRETCH = 0.5  # lower bound of 1 + dt du/dx
+LEAST_ENERGY = 0.5  # smallest energy per mass after a sweep, over that without the gain from mixing
+
+
+@jit
+def unpack(first, last, mass, vel, pressure, u, dt, geometry, fields):
+    """Write the fields of the rings `first` to `last` after the first half of the centrifugal acceleration over dt.
+
+    mass, pressure, u (rings, angles); vel (rings, angles, 2). u is empty for gas without an energy equation.
+    """
+    for i in range(first, last):
+        r, row = geometry.radius[i], i + GHOSTS
+        per_mass = 1.0 / (geometry.volume[i] * geometry.angle)
+        half = 0.5 * dt / r**3
+        for j in range(mass.shape[1]):
+            c, s, vx, vy = geometry.cos[j], geometry.sin[j], vel[i, j, 0], vel[i, j, 1]
+            spin = r * (c * vy - s * vx)
+            fields[DENSITY, row, j] = mass[i, j] * per_mass
+            fields[RADIAL, row, j] = c * vx + s * vy + half * spin * spin
+            fields[SPIN, row, j] = spin
+            fields[PRESSURE, row, j] = pressure[i, j]
+        if len(fields) > ENERGY:
+            fields[ENERGY, row] = u[i]
+
+
+@jit
+def pack(first, last, fields, dt, geometry, mass, vel, u):
+    """Set mass, velocity and energy from the fields, after the second half of the centrifugal acceleration over dt."""
+    for i in range(first, last):
+        r, row = geometry.radius[i], i + GHOSTS
+        area = geometry.volume[i] * geometry.angle
+        half = 0.5 * dt / r**3
+        for j in range(mass.shape[1]):
+            c, s, spin = geometry.cos[j], geometry.sin[j], fields[SPIN, row, j]
+            radial, around = fields[RADIAL, row, j] + half * spin * spin, spin / r
+            mass[i, j] = fields[DENSITY, row, j] * area
+            vel[i, j, 0] = radial * c - around * s
+            vel[i, j, 1] = radial * s + around * c
+        if len(fields) > ENERGY:
+            u[i] = fields[ENERGY, row]
+
+
+@inline_jit
+def contact_speed(j, ahead, behind_cells, ahead_cells, direction, gamma, unit):
+    """Return u of eq. (2) at the side between the columns `j` and `ahead` of cells behind and ahead (`upwind_mean`).
+
+    direction: field of the velocity across the side. unit: velocities are in units of 1 / unit.
+    """
+    z_left = math.sqrt(gamma * behind_cells[2][PRESSURE, j] * behind_cells[2][DENSITY, j])
+    z_right = math.sqrt(gamma * ahead_cells[2][PRESSURE, ahead] * ahead_cells[2][DENSITY, ahead])
+    jump = unit * (ahead_cells[0][PRESSURE, ahead] - behind_cells[1][PRESSURE, j])
+    push = z_left * behind_cells[1][direction, j] + z_right * ahead_cells[0][direction, ahead] - jump
+    return push / (z_left + z_right)
+
+
+@inline_jit
+def upwind_mean(k, j, ahead, up, y, behind_cells, ahead_cells):
+    """Return the mean of the field `k` over the fraction `y` of the upwind cell next to a side.
+
+    j, ahead: columns of the cells behind and ahead of the side. up: whether gas comes from behind. behind_cells,
+    ahead_cells: tuples of arrays (fields, columns): lower sides, upper sides and means.
+    """
+    low, high, mean = behind_cells[0][k, j], behind_cells[1][k, j], behind_cells[2][k, j]
+    low_ahead, high_ahead, mean_ahead = ahead_cells[0][k, ahead], ahead_cells[1][k, ahead], ahead_cells[2][k, ahead]
+    near, far = (high if up else low_ahead), (low if up else high_ahead)
+    return part_mean(near, far, mean if up else mean_ahead, y)
+
+
+@jit_subroutine
+def carry_through(swept, volumes, behind, ahead, shift, direction, flux):
+    """Write the fluxes through a row of sides: mass, radial momentum, angular momentum, energy, kinetic energy.
+
+    swept (n,): fraction of the cell behind a side that passes it, or -1 times that of the cell ahead. volumes: of the
+    cells behind and ahead. behind, ahead: cells as in `upwind_mean`; the side j is behind column j + shift of `ahead`.
+    direction: field of the velocity along the sweep. flux (5, n).
+    """
+    heated = len(behind[2]) > ENERGY
+    for j in range(len(swept)):
+        up, y = swept[j] > 0.0, abs(swept[j])
+        mass = swept[j] * (volumes[0] if up else volumes[1])
+        mass *= upwind_mean(DENSITY, j, j + shift, up, y, behind, ahead)
+        radial = upwind_mean(RADIAL, j, j + shift, up, y, behind, ahead)
+        spin = upwind_mean(SPIN, j, j + shift, up, y, behind, ahead)
+        flux[MASS, j], flux[MOMENTUM, j], flux[ANGULAR, j] = mass, mass * radial, mass * spin
+        if heated:
+            along = radial if direction == RADIAL else spin
+            flux[HEAT, j] = mass * upwind_mean(ENERGY, j, j + shift, up, y, behind, ahead)
+            flux[KINETIC, j] = 0.5 * mass * along * along
+
+
+@jit_subroutine
+def add_fluxes(inward, outward, shift, volume, means, first, direction, scale, new):
+    """Write the fields `new` (fields, n) of cells after fluxes through both sides.
+
+    inward, outward (5, m): fluxes through the lower and the upper sides; the cell j has the columns j and j + shift.
+    means: fields before, of the cell j in the column j + first. direction: field of the velocity along the sweep, whose
+    kinetic energy per mass is scale v^2 / 2.
+    """
+    heated = len(means) > ENERGY
+    for j in range(new.shape[1]):
+        k, i = j + shift, j + first
+        before = means[DENSITY, i] * volume
+        mass = before + inward[MASS, j] - outward[MASS, k]
+        radial = (before * means[RADIAL, i] + inward[MOMENTUM, j] - outward[MOMENTUM, k]) / mass
+        spin = (before * means[SPIN, i] + inward[ANGULAR, j] - outward[ANGULAR, k]) / mass
+        new[DENSITY, j] = mass / volume
+        new[RADIAL, j], new[SPIN, j], new[PRESSURE, j] = radial, spin, means[PRESSURE, i]
+        if heated:
+            heat = (before * means[ENERGY, i] + inward[HEAT, j] - outward[HEAT, k]) / mass
+            own, after = (means[RADIAL, i], radial) if direction == RADIAL else (means[SPIN, i], spin)
+            kinetic = (0.5 * before * own * own + inward[KINETIC, j] - outward[KINETIC, k]) / mass
+            new[ENERGY, j] = max(heat + scale * (kinetic - 0.5 * after * after), LEAST_ENERGY * heat)
+
+
+@jit_subroutine
+def swept_between_rings(side, behind, ahead, gamma, geometry, dt, swept):
+    """Write the swept fraction (angles,) of the cells behind the side `side`, or -1 times that of the cells ahead.
+
+    behind, ahead: rings behind and ahead of the side, as in `upwind_mean`. gamma: adiabatic index. At an open edge gas
+    only leaves, with the velocity of the parabola there; no gas passes a closed edge.
+    """
+    rings, r = len(geometry.radius), geometry.sides[side]
+    at_inner, at_outer = side == 0, side == rings
+    if at_inner or at_outer:
+        if geometry.closed:
+            swept[:] = 0.0
+            return
+        sign = 1.0 if at_outer else -1.0
+        volume = geometry.volume[side - 1 if at_outer else 0]
+        for j in range(len(swept)):
+            s = dt * max(sign * (behind[1][RADIAL, j] if at_outer else ahead[0][RADIAL, j]), 0.0)
+            swept[j] = sign * min((r * s - sign * 0.5 * s * s) / volume, 1.0)
+        return
+    before, after = geometry.volume[side - 1], geometry.volume[side]
+    over = dt / (geometry.radius[side] - geometry.radius[side - 1])
+    for j in range(len(swept)):
+        u = contact_speed(j, j, behind, ahead, RADIAL, gamma, 1.0)
+        s = u * dt / max(1.0 + over * (ahead[2][RADIAL, j] - behind[2][RADIAL, j]), LEAST_STRETCH)
+        y = (r * s - 0.5 * s * s) / (before if s > 0.0 else after)
+        swept[j] = min(max(y, -1.0), 1.0)
+
+
+@jit_subroutine
+def read_ring(fields, ring, weights, low, high, means):
+    """Copy the fields of a ring to `means` (fields, angles), and write both sides of their radial parabolas."""
+    for k in range(len(fields)):
+        means[k] = fields[k, ring]
+        sides_of_ring(fields[k], ring, weights, low[k], high[k])
+
+
+@jit
+def sweep_radially(first, last, fields, gamma, dt, geometry, new):
+    """Write the fields of the rings `first` to `last` after a radial sweep over dt; return what leaves the edges.
+
+    The result (2, 2): mass and angular momentum that leave through the inner and the outer edge.
+    """
+    count, angles, rings = len(fields), fields.shape[2], len(geometry.radius)
+    cells = np.zeros((2, 3, count, angles))  # of two rings: lower sides, upper sides and means of the fields
+    flux, swept, row = np.zeros((2, 5, angles)), np.empty(angles), np.empty((count, angles))
+    lost = np.zeros((2, 2))
+    for side in range(first, last + 1):
+        old, now = (side + 1) % 2, side % 2
+        if side == first and side > 0:
+            read_ring(fields, side + GHOSTS - 1, geometry.weights, cells[old, 0], cells[old, 1], cells[old, 2])
+        if side < rings:
+            read_ring(fields, side + GHOSTS, geometry.weights, cells[now, 0], cells[now, 1], cells[now, 2])
+        behind, ahead = (cells[old, 0], cells[old, 1], cells[old, 2]), (cells[now, 0], cells[now, 1], cells[now, 2])
+        swept_between_rings(side, behind, ahead, gamma, geometry, dt, swept)
+        volumes = geometry.volume[max(side - 1, 0)], geometry.volume[min(side, rings - 1)]
+        carry_through(swept, volumes, behind, ahead, 0, RADIAL, flux[now])
+        if side > first:
+            add_fluxes(flux[old], flux[now], 0, volumes[0], cells[old, 2], 0, RADIAL, 1.0, row)
+            for k in range(count):
+                new[k, side - 1 + GHOSTS] = row[k]
+        for edge in range(2):
+            if side == edge * rings:
+                sign = (2.0 * edge - 1.0) * geometry.angle
+                lost[edge, 0] = sign * flux[now, MASS].sum()
+                lost[edge, 1] = sign * flux[now, ANGULAR].sum()
+    return lost
+
+
+@jit_subroutine
+def swept_along_ring(cells, gamma, dt, unit, rest, swept):
+    """Write the swept fraction (n + 1,) of the cells behind each side of a ring, or -1 times that of the cell ahead.
+
+    cells: lower sides, upper sides and means (fields, n + 2) of the cells, with one more at both ends; the field SPIN
+    has the velocity relative to the mean, in cells per time. gamma: adiabatic index. unit: cells per length. rest: part
+    of a cell by which the mean rotation moves the gas beyond whole cells.
+    """
+    for j in range(len(swept)):
+        u = contact_speed(j, j + 1, cells, cells, SPIN, gamma, unit)
+        stretch = 1.0 + dt * (cells[2][SPIN, j + 1] - cells[2][SPIN, j])
+        y = u * dt / max(stretch, LEAST_STRETCH) + rest
+        swept[j] = min(max(y, -1.0), 1.0)
+
+
+@jit
+def sweep_around(first, last, fields, gamma, dt, geometry, new):
+    """Write the fields of the rings `first` to `last` after an azimuthal sweep over dt."""
+    count, angles = len(fields), fields.shape[2]
+    padded, row = np.empty((count, angles + 6)), np.empty((count, angles))
+    low, high, means = np.empty((3, count, angles + 2))
+    flux, swept = np.zeros((5, angles + 1)), np.empty(angles + 1)
+    for i in range(first, last):
+        ring, r = i + GHOSTS, geometry.radius[i]
+        to_cells = 1.0 / (r * r * geometry.angle)  # angular momentum per mass to cells per time
+        mean = fields[SPIN, ring].mean()
+        moved = mean * to_cells * dt
+        whole = math.floor(moved + 0.5)
+        for k in range(count):
+            pad_row(fields[k, ring], mean if k == SPIN else 0.0, padded[k])
+        padded[SPIN] *= to_cells
+        for k in range(count):
+            sides_along_ring(padded[k], low[k], high[k])
+            means[k] = padded[k, 2:-2]
+        cells = low, high, means
+        swept_along_ring(cells, gamma, dt, r * to_cells, moved - whole, swept)
+        carry_through(swept, (1.0, 1.0), cells, cells, 1, SPIN, flux)
+        add_fluxes(flux, flux, 1, 1.0, means, 1, SPIN, (r * geometry.angle) ** 2, row)
+        for j in range(angles):
+            row[SPIN, j] = row[SPIN, j] / to_cells + mean
+        begin = int(whole % angles)
+        for k in range(count):
+            new[k, ring, begin:] = row[k, : angles - begin]
+            new[k, ring, :begin] = row[k, angles - begin :]
