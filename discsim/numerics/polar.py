@@ -56,7 +56,7 @@ class PolarCells:
         self.pos[:, 1] = np.outer(self.geometry.radius, self.geometry.sin).ravel()
         self.fields, self.new = np.empty((2, 0, 0, 0))
         self.padded = np.empty((2, rings + 2 * GHOSTS, angles))
-        self.around = np.empty((rings, angles))
+        self.around, self.mean = np.empty((rings, angles)), np.empty(rings)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -70,7 +70,7 @@ class PolarCells:
         """Store the polar velocities of the cells after `lag`: vel, kick_acc (n, 2)."""
         grid = (*self.shape, 2)
         arrays = vel.reshape(grid), kick_acc.reshape(grid), lag
-        self.for_rings(forces.to_polar, *arrays, self.geometry, self.padded[1], self.around)
+        self.for_rings(forces.to_polar, *arrays, self.geometry, self.padded[1], self.around, self.mean)
 
     def accelerate(
         self, density: Array, pressure: Array, sound: Array, stiff: float, acc: Array, heating: Array | None
@@ -84,7 +84,7 @@ class PolarCells:
         self.padded[0, own] = pressure.reshape(grid)
         fill_force_ghosts(self.padded[0], self.padded[1], self.geometry.closed)
         heat = np.empty((0, 0)) if heating is None else heating.reshape(grid)
-        arrays = self.padded[0], self.padded[1], self.around, density.reshape(grid), sound.reshape(grid)
+        arrays = self.padded[0], self.padded[1], self.around, self.mean, density.reshape(grid), sound.reshape(grid)
         rates = self.for_rings(forces.accelerate, *arrays, stiff, self.geometry, acc.reshape(*grid, 2), heat)
         fastest = float(np.max(rates))
         return 1.0 / fastest if fastest != 0.0 else math.inf

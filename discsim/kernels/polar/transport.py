@@ -7,9 +7,12 @@ In a sweep, gas that passes a side has moved by
 exact for free motion in a velocity u(x) that is linear about the side. Its mass is the integral of the parabola of the
 surface density (`parabola.py`) over the volume that is swept, and it carries the means of radial velocity, angular
 momentum and energy per mass over this volume. Mass and angular momentum are therefore conserved to rounding. u is
-continuous in smooth flow; at jumps it is the velocity of the contact in an acoustic Riemann problem,
+continuous in smooth flow; at jumps it is close to the velocity of the contact in an acoustic Riemann problem,
 
-    u = (Z_L u_L + Z_R u_R - (p_R - p_L)) / (Z_L + Z_R),   Z = Sigma c_s = (gamma P Sigma)^(1/2).        (2)
+    u = (u_L + u_R) / 2 - (p_R - p_L) / (Z_L + Z_R),   Z = Sigma c_s = (gamma P Sigma)^(1/2).            (2)
+
+(Weights Z of u_L and u_R would let the velocity of a ring push the mass of the next one backwards, where velocities
+alternate and the density has a gradient: epicycles of cold gas then grow.)
 
 In azimuth the mean rotation of a ring moves the gas by a whole number of cells, which is exact, and by the rest
 together with the velocity relative to the mean (FARGO, Masset 2000, A&AS 141, 165). The centrifugal acceleration
@@ -80,8 +83,7 @@ def contact_speed(j, ahead, behind_cells, ahead_cells, direction, gamma, unit):
     z_left = math.sqrt(gamma * behind_cells[2][PRESSURE, j] * behind_cells[2][DENSITY, j])
     z_right = math.sqrt(gamma * ahead_cells[2][PRESSURE, ahead] * ahead_cells[2][DENSITY, ahead])
     jump = unit * (ahead_cells[0][PRESSURE, ahead] - behind_cells[1][PRESSURE, j])
-    push = z_left * behind_cells[1][direction, j] + z_right * ahead_cells[0][direction, ahead] - jump
-    return push / (z_left + z_right)
+    return 0.5 * (behind_cells[1][direction, j] + ahead_cells[0][direction, ahead]) - jump / (z_left + z_right)
 
 
 @inline_jit
