@@ -251,6 +251,7 @@ FIELDS = Registry(
 MODELS = (
     "discsim.effects.models:GIVEN_DISC",
     "discsim.effects.models:FIXED_CELLS",
+    "discsim.effects.models:POLAR_CELLS",
     "discsim.effects.models:SPH",
 )
 

@@ -138,6 +138,14 @@ class Effect(base.Effect):
         return {"gas": base.Limit(step, UNSTABLE * step)}
 
 
+def requested_rows(scene: Scene, at: base.GasSamples) -> Iterator[tuple[str, str]]:
+    """Yield (name, text) of the viscosity that the scene requests, for gas without numerical viscosity."""
+    found = _viscosities(scene, at)
+    if found is not None:
+        name, (asked, _, _) = found
+        yield f"{name} of the scene", scene.units.show(asked[0], "diffusivity") if name == "nu" else _joined(asked)
+
+
 def _viscosity_rows(scene: Scene, at: base.GasSamples) -> Iterator[tuple[str, str]]:
     """Yield (name, text) of the requested and the numerical viscosities."""
     found = _viscosities(scene, at)

@@ -93,6 +93,7 @@ class Effect(base.Effect):
             balance.velocity_profiles(state, dict(effects), radius) / circular[:, None],
             *state.central,
             self._pull_in_drift(state),
+            self.scene.model.polar,
         )
 
     def _pull_in_drift(self, state: State) -> np.ndarray:

@@ -33,6 +33,7 @@ eos_kernels = Lazy("discsim.kernels.sph.eos")
 moves = Lazy("discsim.kernels.common.move")
 quiet = Lazy("discsim.effects.quiet")
 growth = Lazy("discsim.physics.growth")
+polar = Lazy("discsim.effects.polar")
 sums = Lazy("discsim.numerics.sph")
 
 
@@ -93,6 +94,12 @@ def _switch_problems(draft: Draft) -> Iterator[Problem]:
         yield ("gas", "viscosity", "switch"), f"{twice}; keep switch or pairs"
 
 
+def _grid_problems(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of gas on a polar grid, and of its keys in other gas."""
+    if draft.gas.method == "grid" or draft.gas.grid is not None:
+        yield from polar.grid_problems(draft)
+
+
 # Limits of h/H for a warning. Sound waves, and viscosity in shear, need h/H below FINE. h/H is largest at the edges of
 # a disc, where gas spreads and falls in at any resolution. A mass fraction AT_EDGES of the gas may therefore have h/H
 # above FINE, but no gas may have h/H above COARSE.
@@ -144,7 +151,7 @@ class Effect(base.Effect):
     """SPH forces on the gas, and the motion of gas particles."""
 
     keys = Keys
-    rules = (_smoothing_problems, _conductivity_problems, _switch_problems, _quiet_problems)
+    rules = (_grid_problems, _smoothing_problems, _conductivity_problems, _switch_problems, _quiet_problems)
 
     def __init__(self, scene: Scene, state: State) -> None:
         self.scene = scene
@@ -216,9 +223,7 @@ class Effect(base.Effect):
         (vel, u), acc = predicted, gas.acc_unshared
         gas.pressure, gas.sound_speed = self._pressure_and_sound_speed(view, u)
         if gas.nu is not None:
-            pos, speed = view.from_centre(gas.pos), thermal_speed(self.scene, gas)
-            mass = view.central_mass if self.scene.star is not None else None
-            fill(gas.nu, lambda piece: viscosity.diffusivity(self.scene, radius(pos[piece]), speed[piece], mass))
+            self.find_viscosity(view)
         if gas.heating_rate is not None:
             gas.heating_rate[:] = 0.0
         before = None if gas.pressure_acc is None else copied(acc)
@@ -234,7 +239,14 @@ class Effect(base.Effect):
             gas.heating_rate[gas.immobile] = 0.0
         return limit
 
-    def _pressure_and_sound_speed(self, view: base.View, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    def find_viscosity(self, view: State | base.View) -> None:
+        """Set the shear viscosity of the gas, from its pressure."""
+        gas = view.gas
+        pos, speed = view.from_centre(gas.pos), thermal_speed(self.scene, gas)
+        mass = view.central_mass if self.scene.star is not None else None
+        fill(gas.nu, lambda piece: viscosity.diffusivity(self.scene, radius(pos[piece]), speed[piece], mass))
+
+    def _pressure_and_sound_speed(self, view: State | base.View, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         """Return pressure (n,) and sound speed (n,) of the gas; u (n,): specific energies, or None."""
         gas, pos = view.gas, view.from_centre(view.gas.pos)
         out = alloc.allocate_like(gas.pressure), alloc.allocate_like(gas.sound_speed)

@@ -1,4 +1,4 @@
-"""Models of the gas: SPH particles, a prescribed disc, or cells of a fixed grid."""
+"""Models of the gas: SPH particles, a prescribed disc, or cells of a fixed 1D grid or a polar grid."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ class GasModel:
     applies_to: function (scene) that returns whether a scene has this model. effects: "module:object" of effects that
     replace the usual ones, by the name of their table. table: name of the table with the equation of state of the gas.
     given: function (scene) that returns prescribed gas, which has no particles; None for other gas. cells: whether gas
-    and dust are fluids on a fixed grid; each entry of a particle array is then a grid cell.
+    and dust are fluids on a fixed 1D grid; each entry of a particle array is then a grid cell. polar: whether the gas
+    is in cells of a polar grid, and dust consists of particles.
     """
 
     applies_to: Callable[[Scene], bool]
@@ -28,6 +29,12 @@ class GasModel:
     table: str = "gas"
     given: Callable[[Scene], PrescribedDisc] | None = None
     cells: bool = False
+    polar: bool = False
+
+    @property
+    def star_in_kick(self) -> bool:
+        """Whether the kick always contains the whole pull of the star, and the acceleration of the star's frame."""
+        return self.given is not None or self.polar
 
 
 GIVEN_DISC = GasModel(
@@ -41,6 +48,16 @@ FIXED_CELLS = GasModel(
     applies_to=lambda scene: scene.drag is not None and SCHEMES[scene.drag.scheme].on_grid,
     effects={name: f"discsim.effects.cells:{name.capitalize()}" for name in ("gas", "dust", "drag")},
     cells=True,
+)
+
+POLAR_CELLS = GasModel(
+    applies_to=lambda scene: scene.gas is not None and scene.gas.method == "grid",
+    effects={
+        "gas": "discsim.effects.polar:Gas",
+        "dust": "discsim.effects.polar:Dust",
+        "alpha_viscosity": "discsim.effects.polar:Viscosity",
+    },
+    polar=True,
 )
 
 SPH = GasModel(applies_to=lambda scene: True)

@@ -114,9 +114,9 @@ class Effect(base.Effect):
         self.star = scene.star
         self.orbits = Orbits(scene)
         self.counted = [name for name in pulling_species(scene) if name in self.orbits.felt_by_star]
-        # Drag by a prescribed disc needs the whole acceleration in the kick. Otherwise a drift of all particles cancels
-        # the drift of the star.
-        self.all_in_kick = scene.model.given is not None
+        # Drag by a prescribed disc, and cells at rest, need the whole acceleration in the kick. Otherwise a drift of all
+        # particles cancels the drift of the star.
+        self.all_in_kick = scene.model.star_in_kick
         self.in_drift, self.step = star_acts_in_drift(scene), circular_step_limit(scene)
         # Displacement and velocity change of gas and dust in the last drift, caused by the motion of the frame.
         self._frame_motion = np.zeros(2), np.zeros(2)

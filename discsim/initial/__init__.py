@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from discsim.initial.base import Start
     from discsim.scene import Scene
 
-growth = Lazy("discsim.physics.growth")
+growth, polar = Lazy("discsim.physics.growth"), Lazy("discsim.initial.polar")
 ParticleArrays = dict[str, dict[str, Any]]  # {species: {name: array}}
 SPECIES = ("gas", "dust")
 
@@ -50,6 +50,8 @@ def make_particles(scene: Scene) -> ParticleArrays:
     if scene.model.cells:
         return _particles_in_cells(scene)
     arrays = _with_grain_sizes(scene, start_of(scene).particles(scene))
+    if scene.model.polar:
+        return arrays | {"gas": polar.gas_in_cells(scene)}
     return arrays if scene.table("growth") is None else _with_small_dust(scene, arrays)
 
 
@@ -206,7 +208,8 @@ def _make_gas(scene: Scene, given: dict[str, Any]) -> Gas:
         density = np.asarray(given.get("density", common["mass"].sum() / volume))
         h = scene.gas.eta * (common["mass"] / density) ** (1.0 / dim)
     viscous = scene.alpha_viscosity is not None
-    has_kick_acc = scene.gas.viscosity is not None or viscous or u is not None
+    has_kick_acc = scene.gas.viscosity is not None or viscous or u is not None or scene.model.polar
+    is_sph = not scene.model.cells and not scene.model.polar
     heated = u is not None and scene.drag is not None and scene.drag.heating
     return Gas(
         **common,
@@ -226,5 +229,5 @@ def _make_gas(scene: Scene, given: dict[str, Any]) -> Gas:
         nu=np.zeros(n) if viscous else None,
         small=small,
         **({} if scene.gas.quiet is None or scene.star is None else {name: np.zeros(n) for name in FOLLOWED}),
-        h_before=h.copy() if scene.gas.smoothing_length is None and not scene.model.cells else None,
+        h_before=h.copy() if is_sph and scene.gas.smoothing_length is None else None,
     )

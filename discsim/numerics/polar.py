@@ -9,30 +9,20 @@ from __future__ import annotations
 import math
 import numpy as np
 
-from discsim.kernels.polar import forces, transport
+from discsim.kernels.polar import forces, transport, viscosity
 from discsim.kernels.polar.geometry import ENERGY, GHOSTS, Geometry, fill_force_ghosts, fill_ghosts
 from discsim.kernels.polar.parabola import side_coefficients
 from discsim.numerics.threads import parallel_for
 
 Array = np.ndarray
-MIN_RINGS, MIN_ANGLES = 5, 8
 CHUNK = 4096  # smallest number of cells in a chunk of a parallel loop
-
-
-def shape_of(cells: int, inner: float, outer: float) -> tuple[int, int]:
-    """Return the numbers of rings and of cells in a ring, for nearly square cells.
-
-    cells: wanted number of cells, from which their product differs by less than the number of rings. inner, outer: radii of the edges.
-    """
-    rings = max(MIN_RINGS, round(math.sqrt(cells * math.log(outer / inner) / (2.0 * math.pi))))
-    return rings, max(MIN_ANGLES, round(cells / rings))
 
 
 class PolarCells:
     """Polar cells between two radii, with the work arrays of their kernels.
 
     rings, angles: numbers of rings and of cells in a ring. geometry: for kernels. pos (n, 2), area (n,): centroids and
-    areas of the cells.
+    areas of the cells. azimuth (angles,): of the centroids of a ring.
     """
 
     def __init__(self, rings: int, angles: int, inner: float, outer: float, closed: bool) -> None:
@@ -41,14 +31,14 @@ class PolarCells:
         sides[GHOSTS], sides[rings + GHOSTS] = inner, outer
         volume = 0.5 * (sides[1:] - sides[:-1]) * (sides[1:] + sides[:-1])
         angle = 2.0 * math.pi / angles
-        azimuth = (np.arange(angles) + 0.5) * angle
+        self.azimuth = (np.arange(angles) + 0.5) * angle
         own = slice(GHOSTS, GHOSTS + rings)
         # Centroid (r_o^3 - r_i^3) / (3 volume), without a difference of cubes.
         low, high = sides[:-1], sides[1:]
         radius = (high - low) * (high * high + high * low + low * low) / (3.0 * volume)
         self.geometry = Geometry(
             sides[GHOSTS : rings + GHOSTS + 1].copy(), radius[own].copy(), volume[own].copy(), angle,
-            side_coefficients(volume), np.cos(azimuth), np.sin(azimuth), closed,
+            side_coefficients(volume), np.cos(self.azimuth), np.sin(self.azimuth), closed,
         )  # fmt: skip
         self.area = np.repeat(self.geometry.volume * angle, angles)
         self.pos = np.empty((rings * angles, 2))
@@ -89,13 +79,24 @@ class PolarCells:
         fastest = float(np.max(rates))
         return 1.0 / fastest if fastest != 0.0 else math.inf
 
+    def add_viscosity(self, density: Array, nu: Array, acc: Array, heating: Array | None) -> None:
+        """Add the viscous acceleration to `acc` (n, 2), and the viscous heat to `heating` (n,) if it is given.
+
+        density, nu (n,): surface density and viscosity. Velocities are those of the last `find_velocities`, with the
+        ghosts of the last `accelerate`.
+        """
+        grid = self.shape
+        heat = np.empty((0, 0)) if heating is None else heating.reshape(grid)
+        arrays = self.padded[1], self.around, (density * nu).reshape(grid), density.reshape(grid)
+        self.for_rings(viscosity.accelerate, *arrays, self.geometry, acc.reshape(*grid, 2), heat)
+
     def move(
         self, mass: Array, vel: Array, pressure: Array, u: Array | None, gamma: float, dt: float, radial_first: bool
     ) -> Array:
         """Move the gas over dt; mass (n,), vel (n, 2) and u (n,) change in place.
 
         pressure (n,): at the beginning. gamma: adiabatic index. radial_first: whether the radial sweep comes first.
-        Returns mass and angular momentum that left through the inner and the outer edge (2, 2).
+        Returns mass, momentum along x and y, and angular momentum that left through the inner and the outer edge (2, 4).
         """
         grid, g = self.shape, self.geometry
         count = ENERGY + (u is not None)
@@ -104,7 +105,7 @@ class PolarCells:
         energy = np.empty((0, 0)) if u is None else u.reshape(grid)
         polar = mass.reshape(grid), vel.reshape(*grid, 2)
         self.for_rings(transport.unpack, *polar, pressure.reshape(grid), energy, dt, g, self.fields)
-        lost = np.zeros((2, 2))
+        lost = np.zeros((2, 4))
         for radial in (radial_first, not radial_first):
             if radial:
                 fill_ghosts(self.fields, g.closed)

@@ -109,7 +109,7 @@ def star_acts_in_drift(scene: Scene) -> bool:
     star = scene.star
     pointlike = star is not None and star.softening == 0.0 and is_star_at_rest(scene)
     pushed = scene.radiation_pressure is not None and scene.drag is not None
-    return pointlike and not pushed and scene.model.given is None and scene.run.integrator == "kdk"
+    return pointlike and not pushed and not scene.model.star_in_kick and scene.run.integrator == "kdk"
 
 
 def drift_masses(scene: Scene, species: str) -> Array | None:

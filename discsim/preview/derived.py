@@ -27,6 +27,7 @@ from discsim.physics.centre import kepler_omega
 from discsim.physics.eos import eos_of
 from discsim.physics.grains import has_sizes, typical_size
 from discsim.physics.local import GasSamples, longest_step, resolution
+from discsim.physics.polar import polar_shape
 from discsim.scene import Scene
 from discsim.scene.units import Units
 
@@ -138,7 +139,7 @@ def _mass_rows(scene: Scene) -> Iterator[tuple[str, str]]:
     if scene.gas:
         mass = gas_mass(scene)
         yield "mass of gas", scene.units.show(mass, dimension)
-        if not scene.model.cells:
+        if not scene.model.cells and not scene.model.polar:
             mean, relative = (
                 mass / particle_count(scene, scene.gas),
                 start_of(scene).sample_all_gas(scene)[0].relative_mass,
@@ -222,6 +223,8 @@ def particle_count(scene: Scene, species: Any) -> int:
     The number can differ from `particles` of this table, because a lattice in 2D has whole rows and columns. Immobile
     particles beyond the ends of a tube or a layer are not counted.
     """
+    if scene.model.polar and species is scene.gas:
+        return polar_shape(scene).count
     on_lattice = species.placement == "even" if hasattr(species, "placement") else True
     if scene.space.dimensions == 1 or not on_lattice or scene.initial is None or not start_of(scene).on_lattice:
         return species.particles
@@ -316,6 +319,8 @@ def _smoothing_lengths(scene: Scene, points: SamplePoints) -> Array | None:
         return None
     if scene.gas.smoothing_length is not None:
         return np.full_like(points.density, scene.gas.smoothing_length)
+    if scene.model.polar and points.radius is not None:
+        return scene.gas.eta * polar_shape(scene).side(points.radius)
     mass: float | Array = gas_mass(scene) / particle_count(scene, scene.gas)
     if points.relative_mass is not None:
         mass = mass * points.relative_mass

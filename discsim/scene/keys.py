@@ -107,8 +107,25 @@ class Conductivity(Table):
     alpha: Number = Field(1.0, ge=0, description="coefficient of artificial conductivity")
 
 
+class PolarGrid(Table):
+    """Polar grid of the gas (`method = "grid"`): rings of nearly square cells, even in ln r."""
+
+    inner: Length | None = Field(None, gt=0, description="inner edge of the grid; default: that of the initial disc")
+    outer: Length | None = Field(None, gt=0, description="outer edge of the grid; default: that of the initial disc")
+    rings: Annotated[int | None, Default("such that cells are square")] = Field(
+        None, ge=5, description="number of rings"
+    )
+    edges: Literal["open", "closed"] = Field(
+        "open", description='"open": gas flows out, and none flows in; "closed": walls that reflect waves'
+    )
+
+
 class Gas(Table):
-    particles: Particles = Field(description="number of SPH particles")
+    particles: Particles = Field(description='number of SPH particles, or of cells with method = "grid"')
+    method: Literal["sph", "grid"] = Field(
+        "sph", description='"sph": smoothed particle hydrodynamics; "grid": finite volumes on a polar grid'
+    )
+    grid: PolarGrid | None = None
     kernel: Annotated[
         Literal["cubic", "quintic", "quintic-h", "wendland-c2", "wendland-c4"],
         Default('"cubic"; without eta: "wendland-c2" in discs, "wendland-c4" in quiet gas and settling layers'),

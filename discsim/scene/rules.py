@@ -29,6 +29,7 @@ STABILISING_ALPHA, STABILISED = 0.3, 0.5
 COURANT_VISCOUS = 0.72
 # Bound for adiabatic gas with reconstructed velocities: at 0.7, discs with dust reach negative energies.
 COURANT_ADIABATIC = 0.6
+COURANT_POLAR = 1.0  # bound for gas in polar cells, whose sound waves grow above 1.5 times their limit
 
 Problem = tuple[tuple[str | int, ...], str]
 Rule = Callable[["Draft"], Iterator[Problem]]
@@ -245,6 +246,8 @@ def longest_courant(draft: Draft) -> tuple[float, str]:
     gas, found = draft.gas, (math.inf, "")
     if draft.has("star") and not draft.has("background"):  # with [background], circular orbits are exact
         found = (COURANT_ORBITS, "orbits about the star are unstable")
+    if gas and gas.method == "grid":
+        return min(found, (COURANT_POLAR, "gas in polar cells is unstable"))
     if gas and not (draft.start and draft.start.stays_uniform):
         braked = gas.viscosity is not None and gas.viscosity.acts_in_shear
         kernel, alpha = SMOOTHING[gas.kernel], gas.viscosity.alpha if braked else 0.0

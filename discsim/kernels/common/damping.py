@@ -8,7 +8,7 @@ The velocities of a leapfrog may be those of a time s later than the positions. 
 frequency Omega has then turned by asin(Omega s), and v* is rotated by this angle. If the drift contains a fraction f
 of the star's gravity, velocities are ahead only by the kick of all other forces. On a circular orbit of speed v the
 other forces give the outward acceleration (f v_K^2 - v^2) / r; s times this acceleration is added to the radial part
-of v*.
+of v*. The same holds, with f = 0, for a drift in polar coordinates.
 """
 
 import math
@@ -30,6 +30,7 @@ class Zones(NamedTuple):
     star: float  # G M
     softening: float
     in_drift: np.ndarray  # (kinds,): fraction of the star's gravity that the drift contains
+    polar: bool  # whether drifts conserve the radial velocity and angular momentum except for the centrifugal force
 
 
 @jit
@@ -68,7 +69,7 @@ def relax(first, last, pos, vel, mass, species, kind, centre, zones, ahead, dt):
             kepler = math.sqrt(zones.star * r2 / (r2 + zones.softening * zones.softening) ** 1.5)
             radial = kepler * ((1.0 - part) * zones.table[row, node, 0] + part * zones.table[row, node + 1, 0])
             azimuthal = kepler * ((1.0 - part) * zones.table[row, node, 1] + part * zones.table[row, node + 1, 1])
-            if zones.in_drift[row] > 0.0:
+            if zones.polar or zones.in_drift[row] > 0.0:
                 v, w = radial - (azimuthal * azimuthal - zones.in_drift[row] * kepler * kepler) * ahead / r, azimuthal
             else:
                 sine = min(1.0, max(-1.0, azimuthal / r * ahead))

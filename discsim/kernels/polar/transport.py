@@ -181,16 +181,28 @@ def read_ring(fields, ring, weights, low, high, means):
         sides_of_ring(fields[k], ring, weights, low[k], high[k])
 
 
+@jit_subroutine
+def add_leaving(flux, sign, r, geometry, lost):
+    """Add mass, momentum and angular momentum of the fluxes (5, angles) through an edge of radius `r` to `lost` (4,)."""
+    for j in range(flux.shape[1]):
+        radial, around = flux[MOMENTUM, j], flux[ANGULAR, j] / r
+        lost[0] += sign * flux[MASS, j]
+        lost[1] += sign * (radial * geometry.cos[j] - around * geometry.sin[j])
+        lost[2] += sign * (radial * geometry.sin[j] + around * geometry.cos[j])
+        lost[3] += sign * flux[ANGULAR, j]
+
+
 @jit
 def sweep_radially(first, last, fields, gamma, dt, geometry, new):
     """Write the fields of the rings `first` to `last` after a radial sweep over dt; return what leaves the edges.
 
-    The result (2, 2): mass and angular momentum that leave through the inner and the outer edge.
+    The result (2, 4): mass, momentum along x and y, and angular momentum that leave through the inner and the outer
+    edge.
     """
     count, angles, rings = len(fields), fields.shape[2], len(geometry.radius)
     cells = np.zeros((2, 3, count, angles))  # of two rings: lower sides, upper sides and means of the fields
     flux, swept, row = np.zeros((2, 5, angles)), np.empty(angles), np.empty((count, angles))
-    lost = np.zeros((2, 2))
+    lost = np.zeros((2, 4))
     for side in range(first, last + 1):
         old, now = (side + 1) % 2, side % 2
         if side == first and side > 0:
@@ -207,9 +219,7 @@ def sweep_radially(first, last, fields, gamma, dt, geometry, new):
                 new[k, side - 1 + GHOSTS] = row[k]
         for edge in range(2):
             if side == edge * rings:
-                sign = (2.0 * edge - 1.0) * geometry.angle
-                lost[edge, 0] = sign * flux[now, MASS].sum()
-                lost[edge, 1] = sign * flux[now, ANGULAR].sum()
+                add_leaving(flux[now], (2.0 * edge - 1.0) * geometry.angle, geometry.sides[side], geometry, lost[edge])
     return lost
 
 

@@ -1,0 +1,311 @@
+"""Gas in cells of a polar grid (`gas.method = "grid"`): finite volumes in rings that are even in ln r.
+
+Pressure forces are in `kernels/polar/forces.py`, the motion of the gas through the sides of cells in `transport.py`,
+viscous stress in `viscosity.py`. Each cell takes the place of a gas particle, at its centroid. The kick changes the
+velocities of the cells, as those of particles, by all forces and drag; it contains the pull of the star. The drift
+moves mass, momentum and energy between the cells. Gas and dust both drift in polar coordinates, so that circular orbits
+are exact at any step.
+
+The step limit is the shortest of 1 / (c_s |(1/dr, 1/(r dphi))| + |v_r| / dr + 2 |v_phi - mean| / (r dphi)); with the
+mean rotation of a ring the step is not limited. Gas that leaves an open edge is counted with the accreted gas.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from discsim.drag.published.fixed_grid import OF_SPH
+from discsim.effects import alpha_viscosity, base, dust, gas
+from discsim.initial import balance, start_of
+from discsim.numerics.state import State
+from discsim.numerics.threads import parallel_for
+from discsim.parts import EOS, SCHEMES, Lazy
+from discsim.physics import profile
+from discsim.physics.polar import polar_shape
+from discsim.scene.rules import Draft, Problem, quoted, starts_where
+
+if TYPE_CHECKING:
+    from discsim.scene import Scene
+
+polar = Lazy("discsim.numerics.polar")
+motion = Lazy("discsim.kernels.polar.dust")
+
+CELL_COST, HEAT_COST, VISCOUS_COST = 260.0, 60.0, 60.0  # CPU nanoseconds in a step, per cell
+UNSTABLE = 1.5  # step of growing sound waves, over the step limit
+VISCOUS_STEP = 0.25  # viscous step limit in dr^2 / nu
+
+
+# Rules
+
+
+def grid_problems(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of gas.method = "grid", and of a table gas.grid without it."""
+    if draft.gas.method != "grid":
+        if draft.gas.grid is not None:
+            yield ("gas", "grid"), 'the table is used only with gas.method = "grid"; add this key, or remove gas.grid'
+        return
+    yield from _key_problems(draft)
+    yield from _disc_problems(draft)
+    yield from _star_problems(draft)
+    yield from _effect_problems(draft)
+
+
+def _key_problems(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of keys of [gas] that a polar grid does not use, and of its edges."""
+    for key in OF_SPH:
+        if draft.gives("gas", key):
+            yield ("gas", key), 'used only by SPH, but gas.method is "grid"; remove this key'
+    grid = draft.gas.grid
+    inner, outer = (None, None) if grid is None else (grid.inner, grid.outer)
+    if draft.start is None and None in (inner, outer):
+        yield ("gas", "grid"), "without [initial] the grid has no edges; add gas.grid.inner and gas.grid.outer"
+    if None not in (inner, outer) and outer <= inner:
+        yield ("gas", "grid", "outer"), "the outer edge is not larger than the inner one; expected outer > inner"
+    if draft.space and outer is not None and 2.0 * outer > min(draft.space.size):
+        yield ("space", "size"), "the space is smaller than the polar grid; expected at least 2 gas.grid.outer"
+
+
+def _disc_problems(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of a space or a start without a disc, and of an integrator other than kdk."""
+    if draft.space and (draft.dimensions != 2 or draft.space.boundary != "open"):
+        wrong = "a polar grid needs an open plane"
+        yield ("gas", "method"), f'{wrong}; set space.dimensions = 2 and space.boundary = "open", or method = "sph"'
+    elif draft.start and draft.start.radial is None:
+        words = quoted(starts_where(lambda start: start.radial is not None))
+        wrong = f'a polar grid needs a disc, but initial.kind is "{draft.kind}"'
+        yield ("gas", "method"), f'{wrong}; choose initial.kind {words}, or set method = "sph"'
+    elif draft.start and draft.start.restore is not None:
+        yield ("gas", "method"), 'a polar grid cannot start from a snapshot; set method = "sph"'
+    if getattr(draft.initial, "relax", 0.0) > 0.0:
+        wrong = "gas on a polar grid starts in balance and needs no relaxation"
+        yield ("initial", "relax"), f"{wrong}; remove this key"
+    if draft.run and draft.run.integrator != "kdk":
+        yield ("run", "integrator"), 'the integrator does not support gas.method = "grid"; set run.integrator = "kdk"'
+
+
+def _star_problems(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of a star that moves, or that accretes cells, and of companions that accrete."""
+    star = draft.star
+    if star is not None:
+        if star.frame != "star":
+            wrong = "the polar grid is at rest about the star"
+            yield ("star", "frame"), f'{wrong}; set star.frame = "star", or gas.method = "sph"'
+        if star.grows:
+            wrong = "a star does not grow by gas that leaves a polar grid"
+            yield ("star", "grows"), f'{wrong}; remove this key, or set gas.method = "sph"'
+        inner = _inner_edge(draft)
+        if inner is not None and star.accretion_radius > inner:
+            wrong = "the star would accrete cells of the polar grid"
+            yield ("star", "accretion_radius"), f"{wrong}; expected at most the inner edge of the grid"
+    for k, companion in enumerate(draft.companion or ()):
+        if companion.accretion_radius:
+            wrong = "a companion cannot accrete cells of a polar grid"
+            yield ("companion", k, "accretion_radius"), f'{wrong}; remove this key, or set gas.method = "sph"'
+
+
+def _inner_edge(draft: Draft) -> float | None:
+    """Return the inner edge of the grid of a draft, as far as the tables give it."""
+    if draft.gas.grid is not None and draft.gas.grid.inner is not None:
+        return draft.gas.grid.inner
+    return getattr(draft.initial, "inner", None)
+
+
+def _effect_problems(draft: Draft) -> Iterator[Problem]:
+    """Yield problems of effects that need gas particles."""
+    for table, what in (("growth", "growth of dust"), ("dust_diffusion", "diffusion of dust")):
+        if draft.has(table):
+            yield (table,), f'{what} needs neighbours among gas particles; set gas.method = "sph", or remove [{table}]'
+    if draft.has("shearing_box"):
+        yield ("shearing_box",), 'a shearing box has no polar grid; set gas.method = "sph"'
+    if draft.drag and SCHEMES[draft.drag.scheme].cells is None:
+        words = quoted(name for name in SCHEMES if SCHEMES[name].cells is not None)
+        wrong = f'drag.scheme "{draft.drag.scheme}" needs pairs of particles, but gas.method is "grid"'
+        yield ("drag", "scheme"), f"{wrong}; choose drag.scheme {words}"
+
+
+# Effects
+
+
+class Gas(gas.Effect):
+    """Pressure and motion of the gas in polar cells. cells: the cells."""
+
+    def __init__(self, scene: Scene, state: State) -> None:
+        self.scene, self.quiet = scene, None
+        self.cells = polar.PolarCells(*polar_shape(scene))
+        eos = scene.gas.eos
+        # s of the pressure at the sides: (gamma + 1) / 4, or 1/2 for isothermal gas.
+        self.gamma = float(getattr(eos, "gamma", 1.0))
+        self.stiff = 0.25 * (self.gamma + 1.0)
+        particles = state.gas
+        if particles.pos.shape != self.cells.pos.shape:
+            wrong = f"the gas has {particles.count} cells, but the polar grid has {len(self.cells.pos)}"
+            raise ValueError(f"{wrong}; take positions from discsim.numerics.polar.PolarCells")
+        if np.abs(particles.pos - self.cells.pos).max() > 1e-9 * self.cells.geometry.sides[-1]:
+            raise ValueError("the gas is not at the centroids of the cells of gas.grid, in rings from the inside")
+        particles.pos[:] = self.cells.pos
+        particles.h[:] = scene.gas.eta * np.sqrt(self.cells.area)
+
+    @classmethod
+    def unused(cls, scene: Scene) -> tuple[str, ...]:
+        return OF_SPH
+
+    @classmethod
+    def report(cls, scene: Scene, at: base.GasSamples) -> base.Report:
+        shape = polar_shape(scene)
+        ends = (scene.units.show(r, "length") for r in (shape.inner, shape.outer))
+        rows = [("polar grid", f"{shape.rings} rings of {shape.angles} cells, from {' to '.join(ends)}")]
+        if at.radius is not None and at.scale_height is not None:
+            rows.append(("cells in H", ", ".join(f"{n:.3g}" for n in at.scale_height / shape.side(at.radius))))
+        return base.Report(rows, _resolution_warnings(scene, at))
+
+    @classmethod
+    def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
+        more = HEAT_COST if EOS[scene.gas.eos.kind].holds_heat else 0.0
+        return counts.gas * (CELL_COST + more)
+
+    @classmethod
+    def expected_limit(cls, scene: Scene, outlook: base.ForecastState) -> base.Expected:
+        at = outlook.at
+        if at.h is None or at.sound_speed is None:
+            return base.Expected()
+        return at.smallest(at.h / scene.gas.eta / (np.sqrt(2.0) * at.sound_speed))
+
+    def begin(self, state: State, effects: Mapping[str, base.Effect]) -> None:
+        """Balance the rotation with the pressure force of the cells, in place of that of the initial profile."""
+        scene = self.scene
+        if scene.initial is None or start_of(scene).radial is None:
+            return
+        disc, rings, angles = profile.radial(scene), self.cells.rings, self.cells.angles
+        pull = balance.Equilibrium(state, dict(effects)).gravity(self.cells.geometry.radius)
+        outwards = self.cells.pos / np.sqrt((self.cells.pos**2).sum(axis=1))[:, None]
+        across = np.stack([-outwards[:, 1], outwards[:, 0]], axis=1)
+        p, r = state.gas, self.cells.geometry.radius
+        vel, kick_acc = p.vel.copy(), p.kick_acc.copy()
+        p.vel[:], p.kick_acc[:] = 0.0, 0.0
+        acc = np.zeros_like(vel)
+        self._add_pressure(state, acc)
+        p.vel[:], p.kick_acc[:] = vel, kick_acc
+        own = (acc * outwards).sum(axis=1).reshape(rings, angles).mean(axis=1)
+        with np.errstate(all="ignore"):
+            given = np.nan_to_num(disc.pressure_acceleration(r), nan=0.0, posinf=0.0, neginf=0.0)
+        inside = (r > disc.inner) & (r < disc.outer) & (disc.surface_density(r) > 0.0)
+        given = np.where(inside, given, 0.0)
+        around = (vel * across).sum(axis=1).reshape(rings, angles)
+        change = np.sqrt(np.maximum(r * (pull - own), 0.0)) - np.sqrt(np.maximum(r * (pull - given), 0.0))
+        around = np.where(np.isfinite(around), around, np.sqrt(np.maximum(r * pull, 0.0))[:, None])
+        p.vel[:] = (vel * outwards).sum(axis=1)[:, None] * outwards
+        p.vel += (around + change[:, None]).reshape(-1, 1) * across
+
+    def operators(self, state: State) -> list[base.Operator]:
+        slots = base.Slot
+        reads = base.arrays("gas", "pos mass vel kick_acc u kick_rate h small") | {"bodies"}
+        made = "acc_unshared pressure sound_speed nu heating_rate pressure_acc pressure_vel"
+        found = base.arrays("gas", "density")
+        return [
+            base.Operator(gas.DENSITY, slots.FIELD, self.find_density, reads, found),
+            base.Operator("gas.forces", slots.FORCE, self.accelerate, reads | found | {gas.DENSITY},
+                          base.arrays("gas", made)),
+            base.Operator("gas.limit", slots.LIMIT, self.limit, frozenset({"gas.forces"})),
+            base.Operator("gas.kick", slots.KICK, gas.kick_gas),
+            base.Operator("gas.drift", slots.DRIFT, self.drift),
+        ]  # fmt: skip
+
+    def find_density(self, view: base.View) -> None:
+        """Set the surface density of the gas."""
+        np.divide(view.gas.mass, self.cells.area, out=view.gas.density)
+
+    def accelerate(self, view: base.View) -> float:
+        """Add the accelerations by pressure and viscosity to `acc_unshared`, and return the step limit."""
+        p = view.gas
+        before = None if p.pressure_acc is None else p.acc_unshared.copy()
+        limit = self._add_pressure(view, p.acc_unshared)
+        if before is not None:
+            p.pressure_acc[:] = p.acc_unshared - before
+            p.pressure_vel[:] = self.predicted(view)[0]
+        return limit
+
+    def _add_pressure(self, view: base.View | State, acc: np.ndarray) -> float:
+        """Add the accelerations by pressure and viscosity to `acc` (n, 2), and return the step limit."""
+        p, cells = view.gas, self.cells
+        if isinstance(view, State):
+            self.find_density(view)
+        u = None if p.u is None else self.predicted(view)[1]
+        cells.find_velocities(p.vel, p.kick_acc, view.velocity_lag)
+        p.pressure, p.sound_speed = self._pressure_and_sound_speed(view, u)
+        limit = cells.accelerate(p.density, p.pressure, p.sound_speed, self.stiff, acc, p.heating_rate)
+        if p.nu is not None:
+            self.find_viscosity(view)
+            cells.add_viscosity(p.density, p.nu, acc, p.heating_rate)
+        return limit
+
+    def viscous_acceleration(self, state: State) -> np.ndarray:
+        p, cells = state.gas, self.cells
+        acc, unused = np.zeros_like(p.acc), np.zeros_like(p.acc)
+        cells.find_velocities(p.vel, p.kick_acc, state.velocity_lag)
+        cells.accelerate(p.mass / cells.area, p.pressure, p.sound_speed, self.stiff, unused, None)
+        if p.nu is not None:
+            cells.add_viscosity(p.mass / cells.area, p.nu, acc, None)
+        return acc
+
+    def limit(self, view: base.View) -> dict[str, base.Limit]:
+        step = view["gas.forces"]
+        return {"gas": base.Limit(step, UNSTABLE * step, remedy="fewer gas.particles")}
+
+    def drift(self, state: State, dt: float) -> None:
+        """Move the gas between the cells, and record what leaves the edges in the ledger."""
+        p, ledger = state.gas, state.ledger
+        lost = self.cells.move(
+            p.mass, p.vel, p.pressure, p.u, self.gamma, dt, radial_first=state.step % 2 == 0
+        ).sum(axis=0)
+        if lost.any():
+            ledger.accreted_gas += float(lost[0])
+            ledger.accreted_momentum += lost[1:3]
+            ledger.accreted_angular_momentum += float(lost[3])
+
+
+def _resolution_warnings(scene: Scene, at: base.GasSamples) -> Iterator[str]:
+    """Yield a warning of cells that are not smaller than the scale height."""
+    if at.radius is None or at.scale_height is None:
+        return
+    ratios = polar_shape(scene).side(at.radius) / at.scale_height
+    worst = int(np.argmax(ratios))
+    ratio = float(ratios[worst])
+    if ratio > 1.0:
+        needed = scene.gas.particles * ratio**2
+        yield f"cells are {ratio:.2g} H wide {at.where(worst)}: raise gas.particles to about {needed:.2g}"
+
+
+class Dust(dust.Effect):
+    """Dust that drifts in polar coordinates, as the gas (`kernels/polar/dust.py`)."""
+
+    def drift(self, state: State, dt: float) -> None:
+        p = state.dust
+        if p.immobile is None:
+            parallel_for(motion.drift, p.count, p.pos, p.vel, dt)
+            return
+        free = ~p.immobile
+        pos, vel = p.pos[free], p.vel[free]
+        parallel_for(motion.drift, len(pos), pos, vel, dt)
+        p.pos[free], p.vel[free] = pos, vel
+
+
+class Viscosity(alpha_viscosity.Effect):
+    """Time-step limit dr^2 / (4 nu) of a shear viscosity in polar cells."""
+
+    @classmethod
+    def report(cls, scene: Scene, at: base.GasSamples) -> base.Report:
+        return base.Report(alpha_viscosity.requested_rows(scene, at))
+
+    @classmethod
+    def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
+        return VISCOUS_COST * counts.gas
+
+    def limit(self, view: base.View) -> dict[str, base.Limit]:
+        p = view.gas
+        side2 = (p.h / view.scene.gas.eta) ** 2
+        with np.errstate(divide="ignore"):
+            step = float((VISCOUS_STEP * side2 / p.nu).min())
+        return {"gas": base.Limit(step, UNSTABLE * step)}

@@ -1,0 +1,45 @@
+"""Polar grid of a scene's gas (`gas.method = "grid"`): edges, and numbers of rings and cells. Numpy only."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from discsim.formulas import polar
+from discsim.physics import profile
+
+if TYPE_CHECKING:
+    from discsim.scene import Scene
+
+
+class PolarShape(NamedTuple):
+    """Polar grid: numbers of rings and of cells in a ring, radii of the edges, and whether the edges are closed."""
+
+    rings: int
+    angles: int
+    inner: float
+    outer: float
+    closed: bool
+
+    @property
+    def count(self) -> int:
+        """Number of cells."""
+        return self.rings * self.angles
+
+    def side(self, r: np.ndarray) -> np.ndarray:
+        """Return the sides (n,) of cells at the radii `r` (n,), the roots of their areas."""
+        return r * np.sqrt(np.log(self.outer / self.inner) * 2.0 * np.pi / self.count)
+
+
+def polar_shape(scene: Scene) -> PolarShape:
+    """Return the polar grid of a scene: with the edges of [initial], unless gas.grid has others."""
+    grid = scene.gas.grid
+    inner, outer = (None, None) if grid is None else (grid.inner, grid.outer)
+    if None in (inner, outer):
+        disc = profile.radial(scene)
+        inner, outer = inner or disc.inner, outer or disc.outer
+    rings = grid.rings if grid is not None and grid.rings is not None else None
+    rings = rings or polar.ring_count(scene.gas.particles, inner, outer)
+    closed = grid is not None and grid.edges == "closed"
+    return PolarShape(rings, polar.angle_count(scene.gas.particles, rings), inner, outer, closed)
