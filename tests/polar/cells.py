@@ -70,3 +70,11 @@ class Disc:
 
 def ring(rings, angles, inner, outer, closed=True):
     return PolarCells(rings, angles, inner, outer, closed)
+
+
+def rotating(cells, noise):
+    """Adiabatic gas in rotation about a star, with noise of relative amplitude `noise`."""
+    rng = np.random.default_rng(3)
+    r = np.hypot(*cells.pos.T)
+    some = noise * rng.standard_normal((4, len(r)))
+    return Disc(cells, np.exp(some[0]), some[1] / 10, r**-0.5 + some[2] / 10, u=0.01 * np.exp(some[3]), gamma=1.4)
