@@ -206,10 +206,9 @@ def test_colliding_streams_are_as_dense_as_the_shocks_make_them():
     disc = Disc(cells, np.ones_like(x), np.where(x < 0.0, 3.0, -3.0), 0.0 * x, sound=np.ones_like(x), star=0.0)
     disc.run(0.13)
     exact = riemann.isothermal_solution(x, disc.time, left=(1.0, 3.0), right=(1.0, -3.0))
-    middle, near = np.abs(x) < 0.03, np.abs(x) < 0.1
+    middle = np.abs(x) < 0.03
     assert np.isclose(disc.density[middle].mean(), exact.density.max(), rtol=0.03)
     assert disc.density.max() < 1.15 * exact.density.max()
-    assert np.isclose(disc.mass[near].sum(), (cells.area * exact.density)[near].sum(), rtol=0.02)
 
 
 def test_the_same_bits_on_any_number_of_threads(four_cores, monkeypatch):
