@@ -71,6 +71,9 @@ def _disc_rows(scene: Scene, at: GasSamples) -> Iterator[tuple[str, str]]:
     """Yield the estimates for a disc with gas particles, from the properties `at` of its gas."""
     if at.scale_height is None or at.resolution is None or scene.gas is None or at.omega is None:
         return
+    if scene.model.polar:
+        yield from _drag_rows(scene, at)
+        return
     ratios, fractions = at.by_mass()
     ratio = float(np.interp(0.5, fractions, ratios))
     yield "median h/H of the gas", f"{ratio:.2g}"

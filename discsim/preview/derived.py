@@ -118,7 +118,7 @@ def derived_rows(scene: Scene) -> list[tuple[str, str]]:
     if scene.model.cells and scene.gas:
         cell = scene.space.size[0] / scene.gas.particles
         rows.append(("fixed grid", f"{scene.gas.particles} cells of {scene.units.show(cell, 'length')}"))
-    if at.h is not None:
+    if at.h is not None and not scene.model.polar:
         rows.append(("smoothing length h", _quantity_texts(scene.units, at.h, "length")))
     rows += [*_orbit_rows(scene, at), *_drag_rows(scene, at), *_grid_rows(scene)]
     return rows + effect_rows(scene)
@@ -161,7 +161,8 @@ def _orbit_rows(scene: Scene, at: GasSamples) -> Iterator[tuple[str, str]]:
     if at.scale_height is not None and at.sound_speed is not None:
         yield "H/r", _number_texts(at.scale_height / at.radius)
         if at.resolution is not None:
-            yield "h/H", _number_texts(at.resolution / at.scale_height)
+            if not scene.model.polar:
+                yield "h/H", _number_texts(at.resolution / at.scale_height)
             yield "Toomre Q", _number_texts(at.toomre_q)
         slopes = profile.pressure_slopes(scene, at.radius)
         names = "headwind eta v_K", "headwind from midplane pressure"
