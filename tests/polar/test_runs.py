@@ -1,0 +1,318 @@
+"""Runs with gas on a polar grid: balance, drag, viscosity, companions, damping, bits, and messages."""
+
+import numpy as np
+import pytest
+from runs import assert_resumes, on_threads, state_bits
+from scenes import changed, problems
+
+from discsim import Simulation, load_scene
+from discsim.exact import nsh, spreading_ring
+from discsim.initial.polar import FLOOR
+from discsim.physics.polar import polar_shape
+from discsim.preview.check import report
+from discsim.run.forces import PhysicsError
+
+DISC = {
+    "units": {"system": "code"},
+    "run": {"until": 4.0},
+    "space": {"size": 5.0},
+    "initial": {"kind": "disc", "surface_density": 1e-4, "inner": 0.6, "outer": 1.5, "surface_density_index": 1.0},
+    "star": {"mass": 1.0},
+    "gas": {
+        "method": "grid",
+        "particles": 4000,
+        "eos": {"kind": "locally-isothermal", "aspect_ratio": 0.07, "temperature_index": 1.0},
+    },
+}
+ADIABATIC = {"eos": {"kind": "adiabatic", "gamma": 1.4, "aspect_ratio": 0.07}}
+DUSTY = {
+    "dust": {"particles": 3000, "ratio": 0.3},
+    "drag": {"law": "stokes-number", "stokes": 0.03, "scheme": "tsc"},
+}
+PLANET = {"mass": 3e-4, "semi_major_axis": 1.0, "softening": 0.6}
+# All that acts on the gas of a polar grid at once.
+MANY = changed(
+    DISC,
+    gas=DISC["gas"] | ADIABATIC,
+    companion=PLANET,
+    alpha_viscosity={"alpha": 0.01},
+    damping={"inner": [0.6, 0.7], "outer": [1.3, 1.5]},
+    cooling={"kind": "beta", "beta": 10.0},
+    self_gravity={"softening": 0.05},
+    **DUSTY,
+)
+
+
+def polar(particles):
+    """Radius, radial and azimuthal velocity (n,)."""
+    r = np.hypot(*particles.pos.T)
+    radial = (particles.pos * particles.vel).sum(axis=1) / r
+    return r, radial, (particles.pos[:, 0] * particles.vel[:, 1] - particles.pos[:, 1] * particles.vel[:, 0]) / r
+
+
+def closed(scene, **more):
+    return changed(scene, gas=scene["gas"] | {"grid": {"edges": "closed"}} | more)
+
+
+@pytest.mark.parametrize("eos", [{}, ADIABATIC], ids=["locally-isothermal", "adiabatic"])
+def test_a_disc_stays_in_balance(eos):
+    """The rotation balances the discrete pressure force, so that only rounding moves the gas."""
+    sim = Simulation(changed(DISC, gas=DISC["gas"] | eos))
+    mass = sim.gas.mass.copy()
+    sim.run(6.0)
+    _, radial, _ = polar(sim.gas)
+    assert np.abs(radial / sim.gas.sound_speed).max() < 1e-10
+    assert np.abs(sim.gas.mass / mass - 1.0).max() < 1e-10
+
+
+def test_the_cells_of_a_scene_are_nearly_square_and_as_many_as_asked_for():
+    for number in (4000, 12345, 100_000):
+        shape = polar_shape(load_scene(changed(DISC, gas=DISC["gas"] | {"particles": number})))
+        assert abs(shape.count - number) <= shape.rings
+        wide = np.log(1.5 / 0.6) / shape.rings
+        assert np.isclose(wide, 2.0 * np.pi / shape.angles, rtol=0.03)
+    shape = polar_shape(load_scene(closed(DISC, grid={"rings": 20, "inner": 0.5, "outer": 2.0})))
+    assert shape[:4] == (20, 200, 0.5, 2.0)
+
+
+def test_the_mass_of_cells_is_that_of_the_disc_and_a_floor_beyond_it():
+    scene = changed(DISC, initial=DISC["initial"] | {"inner_taper": 0.2})
+    sim = Simulation(closed(scene, grid={"inner": 0.5, "outer": 1.8}))
+    r = np.hypot(*sim.gas.pos.T)
+    density = sim.gas.mass / sim.effects["gas"].cells.area
+    inside = (r > 0.85) & (r < 1.45)
+    assert np.allclose(density[inside], 1e-4 / r[inside], rtol=1e-3)  # (d ln r)^2 / 24
+    assert np.allclose(density[r > 1.55], FLOOR * density.max())
+    sim.run(1.0)
+
+
+def test_what_is_perturbed():
+    sim = Simulation(changed(DISC, initial=DISC["initial"] | {"perturbation": 0.05}))
+    shape = polar_shape(sim.scene)
+    ring = sim.gas.mass.reshape(shape.rings, shape.angles)
+    power = np.abs(np.fft.rfft(ring / ring.mean(axis=1, keepdims=True), axis=1)).mean(axis=0) / shape.angles
+    assert np.allclose(power[2:7], 0.025, rtol=0.05)  # half of each amplitude, to first order in it
+    assert power[8:].max() < 0.003
+    sim.run(0.5)
+
+
+@pytest.mark.parametrize("ratio, stokes", [(0.3, 0.03), (0.01, 0.03), (0.3, 0.3)])
+def test_dust_drifts_as_by_nakagawa(ratio, stokes):
+    """Two-way drag: radial drift of both within 1.5% of the headwind's terms, rotation within h^2 of eta."""
+    scene = changed(DISC, gas=DISC["gas"] | {"particles": 8000}, **DUSTY)
+    scene["dust"] = {"particles": 8000, "ratio": ratio}
+    scene["drag"] = DUSTY["drag"] | {"stokes": stokes}
+    sim = Simulation(scene)
+    sim.run(3.0)
+    headwind = 0.07**2  # (p + q) h^2 / 2 at p = q = 1
+    exact = nsh.velocities(stokes, ratio, headwind)
+    for p, in_radius, around in (
+        (sim.dust, exact.dust_radial, exact.dust_azimuthal), (sim.gas, exact.gas_radial, exact.gas_azimuthal),
+    ):  # fmt: skip
+        r, radial, azimuthal = polar(p)
+        near = np.abs(r - 1.0) < 0.15
+        scale = np.sqrt(r[near])
+        assert np.isclose((radial[near] * scale).mean(), in_radius, rtol=0.015, atol=0.015 * abs(exact.dust_radial))
+        assert np.isclose((azimuthal[near] * scale).mean() - 1.0, around, rtol=0.01)
+
+
+def test_one_way_dust_leaves_the_bits_of_the_gas():
+    scene = changed(DISC, companion=PLANET)
+    alone = Simulation(scene)
+    dusty = Simulation(changed(scene, dust=DUSTY["dust"], drag=DUSTY["drag"] | {"direction": "one-way"}))
+    for sim in (alone, dusty):
+        sim.run(0.7)
+    for name in ("pos", "vel", "mass"):
+        assert np.array_equal(getattr(alone.gas, name), getattr(dusty.gas, name))
+
+
+def test_a_viscous_ring_spreads():
+    """Within 0.5% of the exact solution, as means over cells; pressure makes an error of 2 (H/R)^2 / tau = 0.1%."""
+    nu, begin, end = 1e-4, 0.016, 0.024
+    scene = changed(
+        DISC,
+        initial={"kind": "viscous-ring", "radius": 1.0, "mass": 1e-6, "tau": begin},
+        gas={
+            "method": "grid", "particles": 24_000, "grid": {"inner": 0.5, "outer": 1.7, "edges": "closed"},
+            "eos": {"kind": "isothermal", "sound_speed": 0.003},
+        },
+        alpha_viscosity={"nu": nu},
+    )  # fmt: skip
+    sim = Simulation(scene)
+    spin = (sim.gas.mass * np.multiply(*polar(sim.gas)[::2])).sum()
+    sim.run((end - begin) / (12.0 * nu))
+    assert np.isclose((sim.gas.mass * np.multiply(*polar(sim.gas)[::2])).sum(), spin, rtol=1e-12)
+    cells = sim.effects["gas"].cells
+    r = np.exp(np.interp((np.arange(8 * cells.rings) + 0.5) / 8, np.arange(cells.rings + 1), np.log(cells.geometry.sides)))
+    exact = np.average((spreading_ring.surface_density(r, end, 1e-6)).reshape(-1, 8), 1, (r * r).reshape(-1, 8))
+    found = sim.gas.density.reshape(cells.shape).mean(axis=1)
+    assert np.abs(found - exact) @ cells.geometry.volume < 5e-3 * exact @ cells.geometry.volume
+
+
+def test_a_shear_that_decays():
+    """v_phi relaxes to uniform rotation at the rate of the viscous operator, and its energy becomes heat."""
+    scene = changed(DISC, initial=DISC["initial"] | {"surface_density_index": 0.0}, alpha_viscosity={"nu": 1e-3})
+    scene = closed(scene, eos={"kind": "adiabatic", "gamma": 1.4, "sound_speed": 0.07})
+    sim = Simulation(scene)
+
+    def energy():
+        return (sim.gas.mass * (sim.gas.u + 0.5 * (sim.gas.vel**2).sum(axis=1) - 1.0 / np.hypot(*sim.gas.pos.T))).sum()
+
+    heat, whole = (sim.gas.mass * sim.gas.u).sum(), energy()
+    sim.run(1.0)
+    # Of a Keplerian shear: nu (3 Omega / 2)^2 per mass and time.
+    r = np.hypot(*sim.gas.pos.T)
+    expected = (sim.gas.mass * 2.25e-3 / r**3).sum()
+    assert np.isclose((sim.gas.mass * sim.gas.u).sum() - heat, expected, rtol=0.03)
+    assert abs(energy() - whole) < 0.03 * expected  # of the leapfrog, over the heat
+
+
+def test_a_planet_makes_a_wake_and_feels_its_torque():
+    sim = Simulation(changed(DISC, companion=PLANET | {"orbit": "fixed"}, gas=DISC["gas"] | {"particles": 10_000}))
+    sim.run(6.0)
+    shape = polar_shape(sim.scene)
+    ring = sim.gas.density.reshape(shape.rings, shape.angles)
+    contrast = ring.max(axis=1) / ring.mean(axis=1)
+    r = sim.effects["gas"].cells.geometry.radius
+    for at in (0.75, 1.3):  # wakes on both sides
+        assert 1.05 < contrast[np.argmin(np.abs(r - at))] < 2.0
+
+
+def test_damping_stops_waves_at_the_edges():
+    scene = closed(changed(DISC, damping={"inner": [0.6, 0.75], "outer": [1.25, 1.5], "time": 0.3}))
+    found = []
+    for without in ((), ("damping",)):
+        sim = Simulation(load_scene(scene, without=without))
+        r, _, _ = polar(sim.gas)
+        sim.gas.vel += 0.01 * np.exp(-(((r - 1.0) / 0.1) ** 2))[:, None] * sim.gas.pos
+        sim.run(12.0)
+        _, radial, _ = polar(sim.gas)
+        found.append(np.abs(radial[(r < 0.7) | (r > 1.35)]).max())
+    assert found[0] < 0.1 * found[1]
+
+
+def test_damping_leaves_a_disc_in_balance():
+    """v* of the zones is rotated as the velocities before and after a drift are."""
+    sim = Simulation(changed(DISC, damping={"inner": [0.6, 0.75], "outer": [1.25, 1.5]}))
+    sim.run(6.0)
+    _, radial, _ = polar(sim.gas)
+    assert np.abs(radial / sim.gas.sound_speed).max() < 2e-5  # discrete and exact pressure forces differ by 1e-4
+
+
+def test_cooling_to_the_temperature_of_the_start():
+    sim = Simulation(changed(MANY, companion=None, self_gravity=None, dust=None, drag=None, damping=None))
+    begun = sim.gas.u.copy()
+    sim.gas.u *= 1.3
+    sim.run(0.1)
+    left = (sim.gas.u / begun - 1.0) / 0.3
+    rate = np.hypot(*sim.gas.pos.T) ** -1.5 / 10.0
+    inside = np.abs(np.hypot(*sim.gas.pos.T) - 1.0) < 0.2
+    assert np.allclose(left[inside], np.exp(-0.1 * rate[inside]), rtol=0.01)
+
+
+def test_the_gas_feels_its_own_gravity():
+    """A massive ring of gas: the cells rotate faster outside it by its gravity."""
+    scene = changed(DISC, initial=DISC["initial"] | {"surface_density": 0.02}, self_gravity={"softening": 0.05})
+    sim = Simulation(closed(scene))
+    mass = sim.gas.mass.copy()
+    sim.run(2.0)
+    assert np.abs(sim.gas.mass / mass - 1.0).max() < 0.02
+    _, _, around = polar(sim.gas)
+    r = np.hypot(*sim.gas.pos.T)
+    outer = np.abs(r - 1.35) < 0.05
+    assert (around[outer] * np.sqrt(r[outer])).mean() > 1.005
+
+
+def test_bits_after_a_resume(tmp_path):
+    sim = assert_resumes(load_scene(MANY), tmp_path / "checkpoint", 0.11, 0.25)
+    assert sim.state.ledger.accreted_gas != 0.0
+
+
+def test_bits_on_several_threads(monkeypatch):
+    monkeypatch.setattr("discsim.numerics.polar.CHUNK", 200)
+    found = []
+    for _ in on_threads(monkeypatch):
+        sim = Simulation(MANY)
+        sim.run(0.15)
+        found.append(state_bits(sim))
+    assert found[0] == found[1]
+
+
+def test_open_edges_lose_mass_to_the_ledger():
+    sim = Simulation(DISC)
+    before = sim.gas.mass.sum(), (sim.gas.mass * np.multiply(*polar(sim.gas)[::2])).sum()
+    r, _, _ = polar(sim.gas)
+    sim.gas.vel += 0.1 * (r - 1.0)[:, None] * sim.gas.pos / r[:, None]
+    sim.run(2.0)
+    ledger = sim.state.ledger
+    assert ledger.accreted_gas > 0.01 * before[0]
+    assert np.isclose(sim.gas.mass.sum() + ledger.accreted_gas, before[0], rtol=1e-12)
+    spin = (sim.gas.mass * np.multiply(*polar(sim.gas)[::2])).sum()
+    assert np.isclose(spin + ledger.accreted_angular_momentum, before[1], rtol=1e-12)
+
+
+def test_too_long_a_step_is_refused():
+    assert problems(changed(DISC, run={"until": 1.0, "courant": 1.5}))
+    sim = Simulation(changed(DISC, run={"until": 30.0, "timestep": 0.5}))
+    rng = np.random.default_rng(1)
+    sim.gas.vel += 1e-3 * rng.standard_normal(sim.gas.vel.shape)
+    with pytest.raises((PhysicsError, ValueError)):
+        sim.run()
+
+
+WRONG = {
+    "quiet": (dict(gas={"quiet": True}), 'gas.quiet: used only by SPH, but gas.method is "grid"; remove this key'),
+    "kernel": (dict(gas={"kernel": "cubic"}), "gas.kernel: used only by SPH"),
+    "viscosity": (dict(gas={"viscosity": {}}), "gas.viscosity: used only by SPH"),
+    "edges": (dict(gas={"grid": {"inner": 2.0, "outer": 1.0}}), "gas.grid.outer: the outer edge is not larger"),
+    "space": (dict(gas={"grid": {"outer": 3.0}}), "space.size: the space is smaller than the polar grid"),
+    "method": (dict(gas={"method": "sph", "grid": {}}), "gas.grid: the table is used only with gas.method"),
+    "relax": (dict(initial={"relax": 3}), "initial.relax: gas on a polar grid starts in balance"),
+    "euler": (dict(run={"integrator": "euler"}), "run.integrator: the integrator does not support gas.method"),
+    "frame": (dict(star={"frame": "inertial"}), "star.frame: the polar grid is at rest about the star"),
+    "accretion": (dict(star={"accretion_radius": 0.7}), "star.accretion_radius: the star would accrete cells"),
+    "grows": (dict(star={"accretion_radius": 0.3, "grows": True}), "star.grows: a star does not grow"),
+    "companion": (
+        dict(companion=PLANET | {"accretion_radius": 0.01}), "companion.accretion_radius: a companion cannot accrete"
+    ),
+    "scheme": (
+        dict(dust=DUSTY["dust"], drag={"law": "stokes-number", "stokes": 0.1, "scheme": "lab14"}),
+        'drag.scheme: drag.scheme "lab14" needs pairs of particles',
+    ),
+    "diffusion": (
+        dict(dust=DUSTY["dust"], drag=DUSTY["drag"], alpha_viscosity={"alpha": 0.01}, dust_diffusion={}),
+        "dust_diffusion: diffusion of dust needs neighbours",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_messages(name):
+    tables, message = WRONG[name]
+    scene = changed(DISC, **{key: {**DISC.get(key, {}), **table} for key, table in tables.items()})
+    found = problems(scene)
+    assert any(f"scene: {message}" in one for one in found), found
+
+
+def test_messages_of_other_starts():
+    start = {"initial": {"kind": "box"}, "space": {"size": 1.0, "boundary": "periodic"}, "star": None}
+    found = problems(changed(DISC, **start, gas={"method": "grid", "eos": {"kind": "isothermal", "sound_speed": 1.0}}))
+    assert any("a polar grid needs an open plane" in one for one in found), found
+
+
+def test_own_arrays_have_to_be_at_the_cells():
+    scene = closed(changed(DISC, initial=None), grid={"inner": 0.6, "outer": 1.5, "rings": 10, "edges": "closed"})
+    sim = Simulation(DISC)
+    given = {"pos": sim.gas.pos[:500], "vel": sim.gas.vel[:500], "mass": sim.gas.mass[:500]}
+    with pytest.raises(ValueError, match="centroids"):
+        Simulation(scene, particles={"gas": given})
+    cells = type(sim.effects["gas"].cells)(10, 50, 0.6, 1.5, True)
+    own = {"pos": cells.pos, "vel": cells.pos[:, ::-1] * [-1.0, 1.0], "mass": cells.area}
+    sim = Simulation(scene, particles={"gas": own})
+    sim.run(0.1)
+
+
+def test_check_prints_the_grid():
+    text = report(load_scene(DISC))
+    assert "polar grid" in text
+    assert "rings of" in text
