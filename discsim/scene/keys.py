@@ -121,9 +121,9 @@ class PolarGrid(Table):
 
 
 class Gas(Table):
-    particles: Particles = Field(description='number of SPH particles, or of cells with method = "grid"')
+    particles: Particles = Field(description="number of SPH particles")
     method: Literal["sph", "grid"] = Field(
-        "sph", description='"sph": smoothed particle hydrodynamics; "grid": finite volumes on a polar grid'
+        "sph", description='"sph": smoothed particle hydrodynamics; "grid": polar grid of about gas.particles cells'
     )
     grid: PolarGrid | None = None
     kernel: Annotated[

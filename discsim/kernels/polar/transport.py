@@ -265,5 +265,7 @@ def sweep_around(first, last, fields, gamma, dt, geometry, new):
             row[SPIN, j] = row[SPIN, j] / to_cells + mean
         begin = int(whole % angles)
         for k in range(count):
-            new[k, ring, begin:] = row[k, : angles - begin]
-            new[k, ring, :begin] = row[k, angles - begin :]
+            for j in range(angles - begin):
+                new[k, ring, begin + j] = row[k, j]
+            for j in range(begin):
+                new[k, ring, j] = row[k, angles - begin + j]
