@@ -1,17 +1,21 @@
 """Parabolas in cells: the piecewise-parabolic reconstruction of Colella & Woodward 1984 (CW84), one cell at a time.
 
-A cell with the mean a and limited slope d (1.7, 1.8) has at its upper side the value (1.6)
+With the slopes d of (1.7) without limits, a cell with the mean a has at its upper side the value (1.6)
 
     a_(i+1/2) = a_i + e_0 (a_(i+1) - a_i) + e_1 d_(i+1) + e_2 d_i                                       (1)
 
-in terms of the cell volumes, and a parabola without an extremum inside (1.10). The mean of the parabola over the
-fraction y of the volume next to a side is (1.12).
+in terms of the cell volumes, exact for cubics. The limits keep smooth extrema (Colella & Sekora 2008; McCorquodale &
+Colella 2011, sec. 2.4): a side beyond the means of both cells, and the parabola of a cell at an extremum, keep a second
+difference of at most LARGEST times that of each cell about them, or none if the signs differ. Other parabolas have no
+extremum inside (CW84, 1.10). A parabola at an extremum that would change its sign in the cell is flat, so that
+densities stay positive. The mean of the parabola over the fraction y of the volume next to a side is (1.12).
 """
 
 import numpy as np
 
 from discsim.jit.decorators import inline_jit, jit_subroutine
 
+LARGEST = 1.25
 COEFFICIENTS = 12  # numbers per cell in `side_coefficients`
 # Coefficients of cells of equal size: slopes of the cells i - 1, i and i + 1, then eq. (1) at the lower and upper side.
 EVEN = (0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5, -1.0 / 6.0, 1.0 / 6.0, 0.5, -1.0 / 6.0, 1.0 / 6.0)
@@ -44,11 +48,14 @@ def side_coefficients(volume: np.ndarray) -> np.ndarray:
 
 
 @inline_jit
-def limited_slope(slope, down, up):
-    """Return the slope of a cell, limited by twice the differences to both neighbours; 0 at an extremum (1.8)."""
-    size = min(abs(slope), 2.0 * min(abs(down), abs(up)))
-    signed = size if up > 0.0 else -size
-    return signed if down * up > 0.0 else 0.0
+def limited_side(value, left, right, curved_left, curved_right):
+    """Return the value at a side, limited if it is beyond both means; curved_left, curved_right: second differences."""
+    curve = 3.0 * (left - 2.0 * value + right)
+    size = min(abs(curve), LARGEST * min(abs(curved_left), abs(curved_right)))
+    kept = size if curve > 0.0 else -size
+    is_smooth = (curved_left * curved_right > 0.0) & (curved_left * curve > 0.0)
+    outside = 0.5 * (left + right) - (kept if is_smooth else 0.0) / 6.0
+    return outside if (value - left) * (right - value) < 0.0 else value
 
 
 @inline_jit
@@ -58,18 +65,28 @@ def cell_sides(two_below, below, mean, above, two_above, k):
     k: the 12 coefficients of the cell, a tuple.
     """
     d1, d2, d3, d4 = below - two_below, mean - below, above - mean, two_above - above
-    lower = limited_slope(k[0] * d2 + k[1] * d1, d1, d2)
-    own = limited_slope(k[2] * d3 + k[3] * d2, d2, d3)
-    upper = limited_slope(k[4] * d4 + k[5] * d3, d3, d4)
-    low = below + k[6] * d2 + k[7] * own + k[8] * lower
-    high = mean + k[9] * d3 + k[10] * upper + k[11] * own
-    jump, bulge = high - low, 6.0 * (mean - 0.5 * (low + high))
-    steep_high = jump * bulge > jump * jump
-    steep_low = -jump * jump > jump * bulge
-    flat = (high - mean) * (mean - low) <= 0.0
-    new_low = 3.0 * mean - 2.0 * high if steep_high else low
-    new_high = 3.0 * mean - 2.0 * low if steep_low else high
-    return (mean if flat else new_low), (mean if flat else new_high)
+    c1, c2, c3 = d2 - d1, d3 - d2, d4 - d3
+    own = k[2] * d3 + k[3] * d2
+    low = below + k[6] * d2 + k[7] * own + k[8] * (k[0] * d2 + k[1] * d1)
+    high = mean + k[9] * d3 + k[10] * (k[4] * d4 + k[5] * d3) + k[11] * own
+    low, high = limited_side(low, below, mean, c1, c2), limited_side(high, mean, above, c2, c3)
+    down, up = mean - low, high - mean
+    # At an extremum the parabola keeps a part of its curvature.
+    curve = 6.0 * (up - down)
+    size = min(abs(curve), LARGEST * min(abs(c1), min(abs(c2), abs(c3))))
+    is_smooth = (c1 * c2 > 0.0) & (c2 * c3 > 0.0) & (c2 * curve > 0.0)
+    kept = size / abs(curve) if is_smooth else 0.0
+    flat_down, flat_up = kept * down, kept * up
+    jump, bulge = flat_up + flat_down, 3.0 * (flat_down - flat_up)
+    middle = mean - 0.25 * (flat_up - flat_down)
+    changes_sign = (4.0 * bulge * middle + jump * jump) * bulge * mean <= 0.0
+    flat_down, flat_up = (0.0 if changes_sign else flat_down), (0.0 if changes_sign else flat_up)
+    # Elsewhere the extremum of the parabola is moved to a side.
+    steep_up = min(abs(up), 2.0 * abs(down))
+    steep_down = min(abs(down), 2.0 * abs(up))
+    sign = 1.0 if up > 0.0 else -1.0
+    is_extremum = (up * down <= 0.0) | (d2 * d3 <= 0.0)
+    return mean - (flat_down if is_extremum else sign * steep_down), mean + (flat_up if is_extremum else sign * steep_up)
 
 
 @inline_jit
