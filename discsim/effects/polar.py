@@ -213,7 +213,7 @@ class Gas(gas.Effect):
             base.Operator("gas.drift", slots.DRIFT, self.drift),
         ]  # fmt: skip
 
-    def find_density(self, view: base.View) -> None:
+    def find_density(self, view: base.View | State) -> None:
         """Set the surface density of the gas."""
         np.divide(view.gas.mass, self.cells.area, out=view.gas.density)
 
@@ -257,9 +257,9 @@ class Gas(gas.Effect):
     def drift(self, state: State, dt: float) -> None:
         """Move the gas between the cells, and record what leaves the edges in the ledger."""
         p, ledger = state.gas, state.ledger
-        lost = self.cells.move(
-            p.mass, p.vel, p.pressure, p.u, self.gamma, dt, radial_first=state.step % 2 == 0
-        ).sum(axis=0)
+        lost = self.cells.move(p.mass, p.vel, p.pressure, p.u, self.gamma, dt, radial_first=state.step % 2 == 0).sum(
+            axis=0
+        )
         if lost.any():
             ledger.accreted_gas += float(lost[0])
             ledger.accreted_momentum += lost[1:3]

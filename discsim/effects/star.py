@@ -114,7 +114,7 @@ class Effect(base.Effect):
         self.star = scene.star
         self.orbits = Orbits(scene)
         self.counted = [name for name in pulling_species(scene) if name in self.orbits.felt_by_star]
-        # Drag by a prescribed disc, and cells at rest, need the whole acceleration in the kick. Otherwise a drift of all
+        # Drag by a prescribed disc and cells at rest need the whole acceleration in the kick. Otherwise a drift of all
         # particles cancels the drift of the star.
         self.all_in_kick = scene.model.star_in_kick
         self.in_drift, self.step = star_acts_in_drift(scene), circular_step_limit(scene)

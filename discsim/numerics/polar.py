@@ -7,6 +7,9 @@ its velocity that of the gas. Arrays of the gas have the cells of the innermost 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 
 from discsim.kernels.polar import forces, transport, viscosity
@@ -52,7 +55,7 @@ class PolarCells:
     def shape(self) -> tuple[int, int]:
         return self.rings, self.angles
 
-    def for_rings(self, kernel, *arguments) -> list:
+    def for_rings(self, kernel: Callable[..., Any], *arguments: Any) -> list[Any]:
         """Run `kernel(first, last, *arguments)` on chunks of the rings; return the results, in the order of chunks."""
         return parallel_for(kernel, self.rings, *arguments, least=max(1, CHUNK // self.angles))
 
@@ -96,7 +99,7 @@ class PolarCells:
         """Move the gas over dt; mass (n,), vel (n, 2) and u (n,) change in place.
 
         pressure (n,): at the beginning. gamma: adiabatic index. radial_first: whether the radial sweep comes first.
-        Returns mass, momentum along x and y, and angular momentum that left through the inner and the outer edge (2, 4).
+        Returns mass, momentum along x and y, and angular momentum that left the inner and the outer edge (2, 4).
         """
         grid, g = self.shape, self.geometry
         count = ENERGY + (u is not None)

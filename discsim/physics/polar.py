@@ -23,13 +23,13 @@ class PolarShape(NamedTuple):
     closed: bool
 
     @property
-    def count(self) -> int:
+    def cells(self) -> int:
         """Number of cells."""
         return self.rings * self.angles
 
     def side(self, r: np.ndarray) -> np.ndarray:
         """Return the sides (n,) of cells at the radii `r` (n,), the roots of their areas."""
-        return r * np.sqrt(np.log(self.outer / self.inner) * 2.0 * np.pi / self.count)
+        return r * np.sqrt(np.log(self.outer / self.inner) * 2.0 * np.pi / self.cells)
 
 
 def polar_shape(scene: Scene) -> PolarShape:

@@ -225,7 +225,7 @@ def particle_count(scene: Scene, species: Any) -> int:
     particles beyond the ends of a tube or a layer are not counted.
     """
     if scene.model.polar and species is scene.gas:
-        return polar_shape(scene).count
+        return polar_shape(scene).cells
     on_lattice = species.placement == "even" if hasattr(species, "placement") else True
     if scene.space.dimensions == 1 or not on_lattice or scene.initial is None or not start_of(scene).on_lattice:
         return species.particles

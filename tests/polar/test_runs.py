@@ -68,7 +68,7 @@ def test_a_disc_stays_in_balance(eos):
 def test_the_cells_of_a_scene_are_nearly_square_and_as_many_as_asked_for():
     for number in (4000, 12345, 100_000):
         shape = polar_shape(load_scene(changed(DISC, gas=DISC["gas"] | {"particles": number})))
-        assert abs(shape.count - number) <= shape.rings
+        assert abs(shape.cells - number) <= shape.rings
         wide = np.log(1.5 / 0.6) / shape.rings
         assert np.isclose(wide, 2.0 * np.pi / shape.angles, rtol=0.03)
     shape = polar_shape(load_scene(closed(DISC, grid={"rings": 20, "inner": 0.5, "outer": 2.0})))
@@ -143,7 +143,9 @@ def test_a_viscous_ring_spreads():
     sim.run((end - begin) / (12.0 * nu))
     assert np.isclose((sim.gas.mass * np.multiply(*polar(sim.gas)[::2])).sum(), spin, rtol=1e-12)
     cells = sim.effects["gas"].cells
-    r = np.exp(np.interp((np.arange(8 * cells.rings) + 0.5) / 8, np.arange(cells.rings + 1), np.log(cells.geometry.sides)))
+    r = np.exp(
+        np.interp((np.arange(8 * cells.rings) + 0.5) / 8, np.arange(cells.rings + 1), np.log(cells.geometry.sides))
+    )
     exact = np.average((spreading_ring.surface_density(r, end, 1e-6)).reshape(-1, 8), 1, (r * r).reshape(-1, 8))
     found = sim.gas.density.reshape(cells.shape).mean(axis=1)
     assert np.abs(found - exact) @ cells.geometry.volume < 5e-3 * exact @ cells.geometry.volume
@@ -262,26 +264,26 @@ def test_too_long_a_step_is_refused():
 
 
 WRONG = {
-    "quiet": (dict(gas={"quiet": True}), 'gas.quiet: used only by SPH, but gas.method is "grid"; remove this key'),
-    "kernel": (dict(gas={"kernel": "cubic"}), "gas.kernel: used only by SPH"),
-    "viscosity": (dict(gas={"viscosity": {}}), "gas.viscosity: used only by SPH"),
-    "edges": (dict(gas={"grid": {"inner": 2.0, "outer": 1.0}}), "gas.grid.outer: the outer edge is not larger"),
-    "space": (dict(gas={"grid": {"outer": 3.0}}), "space.size: the space is smaller than the polar grid"),
-    "method": (dict(gas={"method": "sph", "grid": {}}), "gas.grid: the table is used only with gas.method"),
-    "relax": (dict(initial={"relax": 3}), "initial.relax: gas on a polar grid starts in balance"),
-    "euler": (dict(run={"integrator": "euler"}), "run.integrator: the integrator does not support gas.method"),
-    "frame": (dict(star={"frame": "inertial"}), "star.frame: the polar grid is at rest about the star"),
-    "accretion": (dict(star={"accretion_radius": 0.7}), "star.accretion_radius: the star would accrete cells"),
-    "grows": (dict(star={"accretion_radius": 0.3, "grows": True}), "star.grows: a star does not grow"),
+    "quiet": ({"gas": {"quiet": True}}, 'gas.quiet: used only by SPH, but gas.method is "grid"; remove this key'),
+    "kernel": ({"gas": {"kernel": "cubic"}}, "gas.kernel: used only by SPH"),
+    "viscosity": ({"gas": {"viscosity": {}}}, "gas.viscosity: used only by SPH"),
+    "edges": ({"gas": {"grid": {"inner": 2.0, "outer": 1.0}}}, "gas.grid.outer: the outer edge is not larger"),
+    "space": ({"gas": {"grid": {"outer": 3.0}}}, "space.size: the space is smaller than the polar grid"),
+    "method": ({"gas": {"method": "sph", "grid": {}}}, "gas.grid: the table is used only with gas.method"),
+    "relax": ({"initial": {"relax": 3}}, "initial.relax: gas on a polar grid starts in balance"),
+    "euler": ({"run": {"integrator": "euler"}}, "run.integrator: the integrator does not support gas.method"),
+    "frame": ({"star": {"frame": "inertial"}}, "star.frame: the polar grid is at rest about the star"),
+    "accretion": ({"star": {"accretion_radius": 0.7}}, "star.accretion_radius: the star would accrete cells"),
+    "grows": ({"star": {"accretion_radius": 0.3, "grows": True}}, "star.grows: a star does not grow"),
     "companion": (
-        dict(companion=PLANET | {"accretion_radius": 0.01}), "companion.accretion_radius: a companion cannot accrete"
+        {"companion": PLANET | {"accretion_radius": 0.01}}, "companion.accretion_radius: a companion cannot accrete"
     ),
     "scheme": (
-        dict(dust=DUSTY["dust"], drag={"law": "stokes-number", "stokes": 0.1, "scheme": "lab14"}),
+        {"dust": DUSTY["dust"], "drag": {"law": "stokes-number", "stokes": 0.1, "scheme": "lab14"}},
         'drag.scheme: drag.scheme "lab14" needs pairs of particles',
     ),
     "diffusion": (
-        dict(dust=DUSTY["dust"], drag=DUSTY["drag"], alpha_viscosity={"alpha": 0.01}, dust_diffusion={}),
+        {"dust": DUSTY["dust"], "drag": DUSTY["drag"], "alpha_viscosity": {"alpha": 0.01}, "dust_diffusion": {}},
         "dust_diffusion: diffusion of dust needs neighbours",
     ),
 }  # fmt: skip

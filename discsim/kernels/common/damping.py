@@ -30,7 +30,9 @@ class Zones(NamedTuple):
     star: float  # G M
     softening: float
     in_drift: np.ndarray  # (kinds,): fraction of the star's gravity that the drift contains
-    polar: bool = False  # whether drifts conserve the radial velocity and angular momentum except for the centrifugal force
+    polar: bool = (
+        False  # whether drifts conserve the radial velocity and angular momentum except for the centrifugal force
+    )
 
 
 @jit

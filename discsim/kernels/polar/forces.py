@@ -87,9 +87,9 @@ def states_between_rings(side, old, now, density, sound, mean, stiff, geometry, 
 def accelerate(first, last, pressure, radial, around, mean, density, sound, stiff, geometry, acc, heating):
     """Add the acceleration by pressure, eq. (2), to `acc` (rings, angles, 2), and return the largest rate of a step.
 
-    pressure, radial (rings + 4, angles): with ghosts. around, density, sound (rings, angles). mean (rings,): of `around`.
-    stiff: s of eq. (1). heating (rings, angles): set to the heating rate; (0, 0) for gas without an energy equation. The rate is the inverse
-    of a cell's step limit, c_s |(1/dr, 1/(r dphi))| + |v_r| / dr + 2 |v_phi - mean| / (r dphi).
+    pressure, radial (rings + 4, angles): with ghosts. around, density, sound (rings, angles). mean (rings,): means of
+    `around`. stiff: s of eq. (1). heating (rings, angles): set to the heating rate; (0, 0) for gas without an energy
+    equation. The rate is the inverse of a cell's step limit (`ring_rate`).
     """
     angles = around.shape[1]
     sides, states = np.zeros((2, 4, angles)), np.zeros((2, 2, angles))
@@ -141,7 +141,10 @@ def accelerate(first, last, pressure, radial, around, mean, density, sound, stif
 
 @jit_subroutine
 def ring_rate(i, radial, around, mean, sound, geometry):
-    """Return the largest rate of a step of the cells in ring `i`; mean: of the azimuthal velocities `around`."""
+    """Return the largest of c_s |(1/dr, 1/(r dphi))| + |v_r| / dr + 2 |v_phi - mean| / (r dphi) in ring `i`.
+
+    mean: of the azimuthal velocities `around` (angles,).
+    """
     per_r = 1.0 / (geometry.sides[i + 1] - geometry.sides[i])
     per_phi = 1.0 / (geometry.radius[i] * geometry.angle)
     both, most = math.sqrt(per_r * per_r + per_phi * per_phi), 0.0

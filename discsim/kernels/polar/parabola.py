@@ -86,7 +86,8 @@ def cell_sides(two_below, below, mean, above, two_above, k):
     steep_down = min(abs(down), 2.0 * abs(up))
     sign = 1.0 if up > 0.0 else -1.0
     is_extremum = (up * down <= 0.0) | (d2 * d3 <= 0.0)
-    return mean - (flat_down if is_extremum else sign * steep_down), mean + (flat_up if is_extremum else sign * steep_up)
+    to_low, to_high = (flat_down if is_extremum else sign * steep_down), (flat_up if is_extremum else sign * steep_up)
+    return mean - to_low, mean + to_high
 
 
 @inline_jit

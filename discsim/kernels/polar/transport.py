@@ -183,7 +183,7 @@ def read_ring(fields, ring, weights, low, high, means):
 
 @jit_subroutine
 def add_leaving(flux, sign, r, geometry, lost):
-    """Add mass, momentum and angular momentum of the fluxes (5, angles) through an edge of radius `r` to `lost` (4,)."""
+    """Add mass, momentum and angular momentum of the fluxes (5, angles) through an edge at `r` to `lost` (4,)."""
     for j in range(flux.shape[1]):
         radial, around = flux[MOMENTUM, j], flux[ANGULAR, j] / r
         lost[0] += sign * flux[MASS, j]
