@@ -49,6 +49,7 @@ class PolarCells:
         self.pos[:, 1] = np.outer(self.geometry.radius, self.geometry.sin).ravel()
         self.fields, self.new = np.empty((2, 0, 0, 0))
         self.padded = np.empty((2, rings + 2 * GHOSTS, angles))
+        self.swept = np.empty((rings + 1, angles))
         self.around, self.mean = np.empty((rings, angles)), np.empty(rings)
 
     @property
@@ -108,13 +109,14 @@ class PolarCells:
         energy = np.empty((0, 0)) if u is None else u.reshape(grid)
         polar = mass.reshape(grid), vel.reshape(*grid, 2)
         self.for_rings(transport.unpack, *polar, pressure.reshape(grid), energy, dt, g, self.fields)
-        lost = np.zeros((2, 4))
+        lost = np.empty(0)
         for radial in (radial_first, not radial_first):
             if radial:
                 fill_ghosts(self.fields, g.closed)
-            sweep = transport.sweep_radially if radial else transport.sweep_around
-            found = self.for_rings(sweep, self.fields, gamma, dt, g, self.new)
-            lost += sum(found) if radial else 0.0
+                self.for_rings(transport.find_swept, self.fields, gamma, dt, g, self.swept)
+                lost = sum(self.for_rings(transport.sweep_radially, self.fields, self.swept, g, self.new))
+            else:
+                self.for_rings(transport.sweep_around, self.fields, gamma, dt, g, self.new)
             self.fields, self.new = self.new, self.fields
         self.for_rings(transport.pack, self.fields, dt, g, *polar, energy)
         return lost

@@ -49,13 +49,18 @@ def side_coefficients(volume: np.ndarray) -> np.ndarray:
 
 @inline_jit
 def limited_side(value, left, right, curved_left, curved_right):
-    """Return the value at a side, limited if it is beyond both means; curved_left, curved_right: second differences."""
+    """Return the value at a side, limited if it is beyond both means; curved_left, curved_right: second differences.
+
+    Between means of one sign, the value has this sign too.
+    """
     curve = 3.0 * (left - 2.0 * value + right)
     size = min(abs(curve), LARGEST * min(abs(curved_left), abs(curved_right)))
     kept = size if curve > 0.0 else -size
     is_smooth = (curved_left * curved_right > 0.0) & (curved_left * curve > 0.0)
-    outside = 0.5 * (left + right) - (kept if is_smooth else 0.0) / 6.0
-    return outside if (value - left) * (right - value) < 0.0 else value
+    beyond = 0.5 * (left + right) - (kept if is_smooth else 0.0) / 6.0
+    found = beyond if (value - left) * (right - value) < 0.0 else value
+    smaller = left if abs(left) < abs(right) else right
+    return smaller if (found * left < 0.0) & (found * right < 0.0) else found
 
 
 @inline_jit

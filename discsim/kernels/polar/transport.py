@@ -32,8 +32,11 @@ from discsim.kernels.polar.geometry import DENSITY, ENERGY, GHOSTS, PRESSURE, RA
 from discsim.kernels.polar.parabola import part_mean, sides_along_ring, sides_of_ring
 
 MASS, MOMENTUM, ANGULAR, HEAT, KINETIC = range(5)  # rows of fluxes through the sides of a ring
+MOST = 0.7  # largest fraction of a cell that leaves it in a sweep
 LEAST_STRETCH = 0.5  # lower bound of 1 + dt du/dx
-LEAST_ENERGY = 0.5  # smallest energy per mass after a sweep, over that without the gain from mixing
+# Smallest energy per mass after a sweep, over that without the gain from mixing, which is at least this fraction of the
+# energy before.
+LEAST_ENERGY = 0.5
 
 
 @jit
@@ -142,7 +145,8 @@ def add_fluxes(inward, outward, shift, volume, means, first, direction, scale, n
             heat = (before * means[ENERGY, i] + inward[HEAT, j] - outward[HEAT, k]) / mass
             own, after = (means[RADIAL, i], radial) if direction == RADIAL else (means[SPIN, i], spin)
             kinetic = (0.5 * before * own * own + inward[KINETIC, j] - outward[KINETIC, k]) / mass
-            new[ENERGY, j] = max(heat + scale * (kinetic - 0.5 * after * after), LEAST_ENERGY * heat)
+            least = LEAST_ENERGY * max(heat, LEAST_ENERGY * means[ENERGY, i])
+            new[ENERGY, j] = max(heat + scale * (kinetic - 0.5 * after * after), least)
 
 
 @jit_subroutine
@@ -174,11 +178,55 @@ def swept_between_rings(side, behind, ahead, gamma, geometry, dt, swept):
 
 
 @jit_subroutine
-def read_ring(fields, ring, weights, low, high, means):
-    """Copy the fields of a ring to `means` (fields, angles), and write both sides of their radial parabolas."""
+def read_ring(fields, ring, weights, left_out, low, high, means):
+    """Copy the fields of a ring to `means` (fields, angles), and write both sides of their radial parabolas.
+
+    left_out: field whose parabolas are not written.
+    """
     for k in range(len(fields)):
         means[k] = fields[k, ring]
-        sides_of_ring(fields[k], ring, weights, low[k], high[k])
+        if k != left_out:
+            sides_of_ring(fields[k], ring, weights, low[k], high[k])
+
+
+@jit
+def find_swept(first, last, fields, gamma, dt, geometry, swept):
+    """Write what passes the lower sides of the rings `first` to `last`, and the outer edge after the last ring.
+
+    swept (rings + 1, angles): fraction of the cell behind a side that passes it, or -1 times that of the cell ahead.
+    """
+    angles, rings = fields.shape[2], len(geometry.radius)
+    cells = np.zeros((2, 3, PRESSURE + 1, angles))  # of two rings: lower sides, upper sides and means of the fields
+    known = fields[: PRESSURE + 1]
+    for side in range(max(first - 1, 0), last + 1 if last == rings else last):
+        old, now = (side + 1) % 2, side % 2
+        if side < rings:
+            read_ring(known, side + GHOSTS, geometry.weights, SPIN, cells[now, 0], cells[now, 1], cells[now, 2])
+        if side >= first:
+            behind, ahead = (cells[old, 0], cells[old, 1], cells[old, 2]), (cells[now, 0], cells[now, 1], cells[now, 2])
+            swept_between_rings(side, behind, ahead, gamma, geometry, dt, swept[side])
+
+
+@inline_jit
+def limited_part(swept, other):
+    """Return the fraction `swept` of a cell that passes one side, if the fraction `other` passes the opposite side.
+
+    Together they are at most MOST of the cell, so that its mass stays positive.
+    """
+    both = abs(swept) + max(other, 0.0)
+    return swept * (MOST / both) if both > MOST else swept
+
+
+@jit_subroutine
+def limit_swept(side, swept, out):
+    """Write the swept fractions (angles,) at a side, limited so that the upwind cells keep a part of their mass.
+
+    swept (rings + 1, angles): fractions before the limit.
+    """
+    for j in range(len(out)):
+        y = swept[side, j]
+        other = -swept[side - 1, j] if y > 0.0 else swept[min(side + 1, len(swept) - 1), j]
+        out[j] = limited_part(y, other if y != 0.0 else 0.0)
 
 
 @jit_subroutine
@@ -193,26 +241,28 @@ def add_leaving(flux, sign, r, geometry, lost):
 
 
 @jit
-def sweep_radially(first, last, fields, gamma, dt, geometry, new):
-    """Write the fields of the rings `first` to `last` after a radial sweep over dt; return what leaves the edges.
+def sweep_radially(first, last, fields, swept, geometry, new):
+    """Write the fields of the rings `first` to `last` after a radial sweep; return what leaves the edges.
 
-    The result (2, 4): mass, momentum along x and y, and angular momentum that leave through the inner and the outer
-    edge.
+    swept (rings + 1, angles): result of `find_swept`. The result (2, 4): mass, momentum along x and y, and angular
+    momentum that leave through the inner and the outer edge.
     """
     count, angles, rings = len(fields), fields.shape[2], len(geometry.radius)
     cells = np.zeros((2, 3, count, angles))  # of two rings: lower sides, upper sides and means of the fields
-    flux, swept, row = np.zeros((2, 5, angles)), np.empty(angles), np.empty((count, angles))
+    flux, limited, row = np.zeros((2, 5, angles)), np.empty(angles), np.empty((count, angles))
     lost = np.zeros((2, 4))
     for side in range(first, last + 1):
         old, now = (side + 1) % 2, side % 2
         if side == first and side > 0:
-            read_ring(fields, side + GHOSTS - 1, geometry.weights, cells[old, 0], cells[old, 1], cells[old, 2])
+            read_ring(
+                fields, side + GHOSTS - 1, geometry.weights, PRESSURE, cells[old, 0], cells[old, 1], cells[old, 2]
+            )
         if side < rings:
-            read_ring(fields, side + GHOSTS, geometry.weights, cells[now, 0], cells[now, 1], cells[now, 2])
+            read_ring(fields, side + GHOSTS, geometry.weights, PRESSURE, cells[now, 0], cells[now, 1], cells[now, 2])
         behind, ahead = (cells[old, 0], cells[old, 1], cells[old, 2]), (cells[now, 0], cells[now, 1], cells[now, 2])
-        swept_between_rings(side, behind, ahead, gamma, geometry, dt, swept)
+        limit_swept(side, swept, limited)
         volumes = geometry.volume[max(side - 1, 0)], geometry.volume[min(side, rings - 1)]
-        carry_through(swept, volumes, behind, ahead, 0, RADIAL, flux[now])
+        carry_through(limited, volumes, behind, ahead, 0, RADIAL, flux[now])
         if side > first:
             add_fluxes(flux[old], flux[now], 0, volumes[0], cells[old, 2], 0, RADIAL, 1.0, row)
             for k in range(count):
@@ -244,7 +294,7 @@ def sweep_around(first, last, fields, gamma, dt, geometry, new):
     count, angles = len(fields), fields.shape[2]
     padded, row = np.empty((count, angles + 6)), np.empty((count, angles))
     low, high, means = np.empty((3, count, angles + 2))
-    flux, swept = np.zeros((5, angles + 1)), np.empty(angles + 1)
+    flux, swept, limited = np.zeros((5, angles + 1)), np.empty(angles + 1), np.empty(angles + 1)
     for i in range(first, last):
         ring, r = i + GHOSTS, geometry.radius[i]
         to_cells = 1.0 / (r * r * geometry.angle)  # angular momentum per mass to cells per time
@@ -259,7 +309,11 @@ def sweep_around(first, last, fields, gamma, dt, geometry, new):
             means[k] = padded[k, 2:-2]
         cells = low, high, means
         swept_along_ring(cells, gamma, dt, r * to_cells, moved - whole, swept)
-        carry_through(swept, (1.0, 1.0), cells, cells, 1, SPIN, flux)
+        for j in range(angles + 1):
+            y = swept[j]
+            other = -swept[j - 1 if j > 0 else angles - 1] if y > 0.0 else swept[j + 1 if j < angles else 1]
+            limited[j] = limited_part(y, other)
+        carry_through(limited, (1.0, 1.0), cells, cells, 1, SPIN, flux)
         add_fluxes(flux, flux, 1, 1.0, means, 1, SPIN, (r * geometry.angle) ** 2, row)
         for j in range(angles):
             row[SPIN, j] = row[SPIN, j] / to_cells + mean
