@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 polar = Lazy("discsim.numerics.polar")
 motion = Lazy("discsim.kernels.polar.dust")
 
-CELL_COST, HEAT_COST, VISCOUS_COST = 260.0, 60.0, 60.0  # CPU nanoseconds in a step, per cell
+CELL_COST, HEAT_COST, VISCOUS_COST = 180.0, 60.0, 60.0  # CPU nanoseconds in a step, per cell
 UNSTABLE = 1.5  # step of growing sound waves, over the step limit
 VISCOUS_STEP = 0.25  # viscous step limit in dr^2 / nu
 

@@ -293,7 +293,8 @@ def sweep_around(first, last, fields, gamma, dt, geometry, new):
     """Write the fields of the rings `first` to `last` after an azimuthal sweep over dt."""
     count, angles = len(fields), fields.shape[2]
     padded, row = np.empty((count, angles + 6)), np.empty((count, angles))
-    low, high, means = np.empty((3, count, angles + 2))
+    # Separate arrays: with parts of one array, LLVM's run-time test for overlap would take the scalar loops.
+    low, high, means = np.empty((count, angles + 2)), np.empty((count, angles + 2)), np.empty((count, angles + 2))
     flux, swept, limited = np.zeros((5, angles + 1)), np.empty(angles + 1), np.empty(angles + 1)
     for i in range(first, last):
         ring, r = i + GHOSTS, geometry.radius[i]
@@ -306,7 +307,8 @@ def sweep_around(first, last, fields, gamma, dt, geometry, new):
         padded[SPIN] *= to_cells
         for k in range(count):
             sides_along_ring(padded[k], low[k], high[k])
-            means[k] = padded[k, 2:-2]
+            for j in range(angles + 2):
+                means[k, j] = padded[k, j + 2]
         cells = low, high, means
         swept_along_ring(cells, gamma, dt, r * to_cells, moved - whole, swept)
         for j in range(angles + 1):
