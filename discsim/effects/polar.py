@@ -33,8 +33,9 @@ if TYPE_CHECKING:
 polar = Lazy("discsim.numerics.polar")
 motion = Lazy("discsim.kernels.polar.dust")
 
-CELL_COST, HEAT_COST, VISCOUS_COST = 180.0, 60.0, 60.0  # CPU nanoseconds in a step, per cell
+CELL_COST, HEAT_COST, VISCOUS_COST = 180.0, 120.0, 60.0  # CPU nanoseconds in a step, per cell
 UNSTABLE = 1.5  # step of growing sound waves, over the step limit
+MAX_PUSH = 0.5  # largest pressure force over gravity in the initial balance, as at sharp edges
 VISCOUS_STEP = 0.25  # viscous step limit in dr^2 / nu
 
 
@@ -145,6 +146,11 @@ class Gas(gas.Effect):
             raise ValueError(f"{wrong}; take positions from discsim.numerics.polar.PolarCells")
         if np.abs(particles.pos - self.cells.pos).max() > 1e-9 * self.cells.geometry.sides[-1]:
             raise ValueError("the gas is not at the centroids of the cells of gas.grid, in rings from the inside")
+        if particles.immobile is not None:
+            raise ValueError("immobile gas is not possible on a polar grid; remove the array immobile of the gas")
+        if scene.star is not None and scene.star.accretion_radius > self.cells.geometry.sides[0]:
+            inner = scene.units.show(self.cells.geometry.sides[0], "length")
+            raise ValueError(f"star.accretion_radius is above {inner}, the inner edge of the polar grid; lower it")
         particles.pos[:] = self.cells.pos
         particles.h[:] = scene.gas.eta * np.sqrt(self.cells.area)
 
@@ -175,29 +181,26 @@ class Gas(gas.Effect):
 
     def begin(self, state: State, effects: Mapping[str, base.Effect]) -> None:
         """Balance the rotation with the pressure force of the cells, in place of that of the initial profile."""
-        scene = self.scene
+        scene, p, r = self.scene, state.gas, self.cells.geometry.radius
         if scene.initial is None or start_of(scene).radial is None:
             return
-        disc, rings, angles = profile.radial(scene), self.cells.rings, self.cells.angles
-        pull = balance.Equilibrium(state, dict(effects)).gravity(self.cells.geometry.radius)
-        outwards = self.cells.pos / np.sqrt((self.cells.pos**2).sum(axis=1))[:, None]
-        across = np.stack([-outwards[:, 1], outwards[:, 0]], axis=1)
-        p, r = state.gas, self.cells.geometry.radius
-        vel, kick_acc = p.vel.copy(), p.kick_acc.copy()
-        p.vel[:], p.kick_acc[:] = 0.0, 0.0
-        acc = np.zeros_like(vel)
-        self._add_pressure(state, acc)
-        p.vel[:], p.kick_acc[:] = vel, kick_acc
-        own = (acc * outwards).sum(axis=1).reshape(rings, angles).mean(axis=1)
+        disc, pull = profile.radial(scene), balance.Equilibrium(state, dict(effects)).gravity(r)
         with np.errstate(all="ignore"):
-            given = np.nan_to_num(disc.pressure_acceleration(r), nan=0.0, posinf=0.0, neginf=0.0)
-        inside = (r > disc.inner) & (r < disc.outer) & (disc.surface_density(r) > 0.0)
-        given = np.where(inside, given, 0.0)
-        around = (vel * across).sum(axis=1).reshape(rings, angles)
-        change = np.sqrt(np.maximum(r * (pull - own), 0.0)) - np.sqrt(np.maximum(r * (pull - given), 0.0))
-        around = np.where(np.isfinite(around), around, np.sqrt(np.maximum(r * pull, 0.0))[:, None])
-        p.vel[:] = (vel * outwards).sum(axis=1)[:, None] * outwards
-        p.vel += (around + change[:, None]).reshape(-1, 1) * across
+            given = disc.pressure_acceleration(r)
+        given = np.where((r > disc.inner) & (r < disc.outer) & np.isfinite(given), given, 0.0)
+        squares = [r * np.maximum(pull - push, 0.0) for push in (self._mean_pressure_push(state, pull), given)]
+        across = self.cells.pos[:, ::-1] * [-1.0, 1.0] / np.repeat(r, self.cells.angles)[:, None]
+        p.vel += np.repeat(np.sqrt(squares[0]) - np.sqrt(squares[1]), self.cells.angles)[:, None] * across
+
+    def _mean_pressure_push(self, state: State, pull: np.ndarray) -> np.ndarray:
+        """Return the mean outward acceleration (rings,) of gas at rest by pressure, at most MAX_PUSH times `pull`."""
+        p, cells = state.gas, self.cells
+        vel, acc = p.vel, np.zeros_like(p.vel)
+        p.vel = np.zeros_like(vel)
+        self._add_pressure(state, acc)
+        p.vel = vel
+        push = (acc * cells.pos).sum(axis=1).reshape(cells.shape).mean(axis=1) / cells.geometry.radius
+        return np.clip(push, -MAX_PUSH * np.abs(pull), MAX_PUSH * np.abs(pull))
 
     def operators(self, state: State) -> list[base.Operator]:
         slots = base.Slot
@@ -228,12 +231,30 @@ class Gas(gas.Effect):
         return limit
 
     def _add_pressure(self, view: base.View | State, acc: np.ndarray) -> float:
-        """Add the accelerations by pressure and viscosity to `acc` (n, 2), and return the step limit."""
-        p, cells = view.gas, self.cells
+        """Add the accelerations by pressure and viscosity to `acc` (n, 2), and return the step limit.
+
+        The energy at the time of the positions is first extrapolated with the heating rate of the last kick, and then
+        with the present rate. With the first alone, sound waves of the shortest lengths grow in steps near the limit.
+        """
+        p, lag = view.gas, view.velocity_lag
         if isinstance(view, State):
             self.find_density(view)
-        u = None if p.u is None else self.predicted(view)[1]
-        cells.find_velocities(p.vel, p.kick_acc, view.velocity_lag)
+        self.cells.find_velocities(p.vel, p.kick_acc, lag)
+        if p.u is None:
+            return self._add_forces(view, None, acc)
+        u, last_rate = self.predicted(view)[1], p.heating_rate.copy()
+        if lag > 0.0:
+            self._add_forces(view, u, np.empty_like(acc))
+            u = np.maximum(u + lag * (p.heating_rate - last_rate), gas.LEAST_ENERGY * p.u)
+        return self._add_forces(view, u, acc)
+
+    def _add_forces(self, view: base.View | State, u: np.ndarray | None, acc: np.ndarray) -> float:
+        """Set pressure, viscosity and heating rate, add accelerations to `acc` (n, 2), and return the step limit.
+
+        u (n,): specific energy; None for gas without an energy equation. Velocities are those of the last
+        `cells.find_velocities`.
+        """
+        p, cells = view.gas, self.cells
         p.pressure, p.sound_speed = self._pressure_and_sound_speed(view, u)
         limit = cells.accelerate(p.density, p.pressure, p.sound_speed, self.stiff, acc, p.heating_rate)
         if p.nu is not None:
