@@ -204,7 +204,7 @@ class Gas(gas.Effect):
 
     def operators(self, state: State) -> list[base.Operator]:
         slots = base.Slot
-        reads = base.arrays("gas", "pos mass vel kick_acc u kick_rate h small") | {"bodies"}
+        reads = base.arrays("gas", "pos mass vel kick_acc u kick_rate small") | {"bodies"}
         made = "acc_unshared pressure sound_speed nu heating_rate pressure_acc pressure_vel"
         found = base.arrays("gas", "density")
         return [
@@ -223,18 +223,19 @@ class Gas(gas.Effect):
     def accelerate(self, view: base.View) -> float:
         """Add the accelerations by pressure and viscosity to `acc_unshared`, and return the step limit."""
         p = view.gas
-        before = None if p.pressure_acc is None else p.acc_unshared.copy()
-        limit = self._add_pressure(view, p.acc_unshared)
-        if before is not None:
-            p.pressure_acc[:] = p.acc_unshared - before
-            p.pressure_vel[:] = self.predicted(view)[0]
+        if p.pressure_acc is None:
+            return self._add_pressure(view, p.acc_unshared)
+        own = np.zeros_like(p.acc_unshared)
+        limit = self._add_pressure(view, own)
+        p.acc_unshared += own
+        p.pressure_acc[:] = own
         return limit
 
     def _add_pressure(self, view: base.View | State, acc: np.ndarray) -> float:
         """Add the accelerations by pressure and viscosity to `acc` (n, 2), and return the step limit.
 
-        The energy at the time of the positions is first extrapolated with the heating rate of the last kick, and then
-        with the present rate. With the first alone, sound waves of the shortest lengths grow in steps near the limit.
+        Energy and velocity at the time of the positions are first extrapolated with the rates of the last kick, and then
+        with the present rates by pressure. With the first alone, short sound waves grow in steps near the limit.
         """
         p, lag = view.gas, view.velocity_lag
         if isinstance(view, State):
@@ -242,10 +243,14 @@ class Gas(gas.Effect):
         self.cells.find_velocities(p.vel, p.kick_acc, lag)
         if p.u is None:
             return self._add_forces(view, None, acc)
-        u, last_rate = self.predicted(view)[1], p.heating_rate.copy()
+        u, last_rate, rate = self.predicted(view)[1], p.heating_rate.copy(), p.kick_acc
         if lag > 0.0:
-            self._add_forces(view, u, np.empty_like(acc))
+            push = np.zeros_like(acc)
+            self._add_forces(view, u, push)
             u = np.maximum(u + lag * (p.heating_rate - last_rate), gas.LEAST_ENERGY * p.u)
+            rate = rate + push - p.pressure_acc
+            self.cells.find_velocities(p.vel, rate, lag)
+        p.pressure_vel[:] = p.vel + lag * rate
         return self._add_forces(view, u, acc)
 
     def _add_forces(self, view: base.View | State, u: np.ndarray | None, acc: np.ndarray) -> float:

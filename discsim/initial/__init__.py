@@ -210,7 +210,7 @@ def _make_gas(scene: Scene, given: dict[str, Any]) -> Gas:
     viscous = scene.alpha_viscosity is not None
     has_kick_acc = scene.gas.viscosity is not None or viscous or u is not None or scene.model.polar
     is_sph = not scene.model.cells and not scene.model.polar
-    heated = u is not None and scene.drag is not None and scene.drag.heating
+    heated = u is not None and (scene.model.polar or (scene.drag is not None and scene.drag.heating))
     return Gas(
         **common,
         h=h,

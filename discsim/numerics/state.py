@@ -203,8 +203,8 @@ class Gas(Particles):
     # and du/dt of adiabatic gas.
     kick_acc: Array | None = None
     kick_rate: Array | None = None
-    # For gas that drag heats, (n, dimensions): acceleration by pressure and viscosity, and the velocity used for their
-    # work.
+    # For gas that drag heats and adiabatic gas in polar cells, (n, dimensions): acceleration by pressure and viscosity,
+    # and the velocity used for their work.
     pressure_acc: Array | None = None
     pressure_vel: Array | None = None
     radiated: Array | None = None  # energy per mass lost by cooling since the start (gas that cools)
