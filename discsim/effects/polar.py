@@ -234,8 +234,8 @@ class Gas(gas.Effect):
     def _add_pressure(self, view: base.View | State, acc: np.ndarray) -> float:
         """Add the accelerations by pressure and viscosity to `acc` (n, 2), and return the step limit.
 
-        Energy and velocity at the time of the positions are first extrapolated with the rates of the last kick, then with
-        the present rates by pressure. With the first alone, short sound waves grow in steps near the limit.
+        Energy and velocity at the time of the positions are first extrapolated with the rates of the last kick, and
+        then with the present rates by pressure. With the first alone, short sound waves grow in steps near the limit.
         """
         p, lag = view.gas, view.velocity_lag
         if isinstance(view, State):
