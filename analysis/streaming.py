@@ -7,7 +7,8 @@ growth: growth rate and frequency of one oblique wave, compared with the eigenva
 growth.png, the error against the number of drag cells in a wavelength. Cases: linA and linB of Youdin & Johansen (2007,
 table 1), lin3 with two sizes (Benitez-Llambay, Krapp & Pessah 2019, table 4), lin16 with 16 sizes, Omega t_stop from
 0.001 to 0.1, in an MRN distribution with three times the mass of the gas, and K = 50. A cell has four particles of gas
-and as many of each size. The largest density amplitude begins at 1e-4; rates are fits to the last three quarters of a run.
+and as many of each size. The largest density amplitude begins at 1e-4. Rates are fits to the last three quarters of a
+run.
 
 clumps: the runs AB and BA of Johansen & Youdin (2007) with random dust. Writes clumps.csv and clumps.png. Densities of
 the dust are those of triangular-shaped clouds on the drag cells, over the mean density. The table has means over the
@@ -44,7 +45,7 @@ from discsim.exact import streaming
 from discsim.initial.streaming import mode_amplitude
 
 FOLDS, SAMPLES, AMPLITUDE, SOUND_SPEED = 1.0, 48, 1e-4, 5.0
-# gas.eta of waves with tsc. With 1.7 the lattice of the gas resists shear, with 3.5 it becomes unstable after 40 / Omega.
+# gas.eta of waves with tsc. With 1.7 the lattice of the gas resists shear, with 3.5 it is unstable after 40 / Omega.
 # Other schemes have the default, as their cells are at least as wide as h.
 ETA = 2.9
 MRN = np.logspace(-3.0, -1.0, 16)
