@@ -36,6 +36,7 @@ PICTURES: dict[str, tuple[str, tuple[str, ...], tuple[str, ...]]] = {
     "marks": ("planet_dust", (*GAP, "run.snapshots=15"), ("plot", *MARKS)),
     "planet_dust": ("planet_dust", (), ()),
     "planet_gap": ("planet_gap", (), ()),
+    "planet_gap_grid": ("planet_gap_grid", (), ()),
     "planet_torque": ("planet_torque", (), ()),
     "gravitoturbulent": ("gravitoturbulent", (), ()),
     "cooling_fragments": ("cooling_fragments", (), ()),

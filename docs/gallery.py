@@ -32,6 +32,7 @@ SHIPPED = {
     "cooling_fragments": "cooling_fragments.png",
     "planet_dust": "planet_dust.png",
     "planet_gap": "planet_gap.png",
+    "planet_gap_grid": "planet_gap_grid.png",
     "planet_torque": "planet_torque.png",
     "ring_oneway": "ring.png",
     "ring_twoway": "ring.png",
@@ -57,7 +58,6 @@ SMALLER = {
     "stable_disc": ["gas.particles=10000", "dust.particles=10000", "space.cells=192", 'run.until="300 yr"'],
     "star_dust": ["dust.particles=20000"],
     "streaming_clumps": ["gas.particles=4000", "dust.particles=4000", "run.until=100"],
-    "streaming_linear": ["gas.particles=1020", "dust.particles=1020"],
 }
 
 

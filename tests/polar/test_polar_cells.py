@@ -3,7 +3,7 @@
 import numba
 import numpy as np
 import pytest
-from cells import Disc, ring, rotating
+from polar_cells import Disc, ring, rotating
 
 from discsim.exact import riemann
 from discsim.kernels.polar import transport
