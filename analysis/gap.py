@@ -345,7 +345,8 @@ def show(gap: Gap, name: str) -> None:
     rows += [["radius of the largest Sigma outside the orbit", unit, None, *peaks]] if peaks else []
     rows += [["radius of the largest pressure outside the orbit", unit, factor * gap.summit(gap.pressure), *none]]
     first = max(gap.orbits[-1] - gap.span, 0.0)
-    planet = f"q = {gap.ratio:.3g} with what it has accreted, a = {factor * gap.axis:.4g} {unit}"
+    accreted = " with what it has accreted" if gap.scene.table("companion")[0].accretion_radius > 0.0 else ""
+    planet = f"q = {gap.ratio:.3g}{accreted}, a = {factor * gap.axis:.4g} {unit}"
     title = f"{name}: {planet}, H/r = {gap.aspect_ratio:.3g}, alpha = {gap.alpha:.3g}"
     orbits = f"mean of orbits {first:.4g} to {gap.orbits[-1]:.4g}"
     print_table(f"{title}\n{orbits}", ["quantity", "unit", *labels(gap)], rows)
