@@ -229,6 +229,8 @@ def draw_clumps(rows: list[dict[str, Any]], file: Path) -> None:
             norm = LogNorm(0.1, top)
             image = axes.imshow(np.maximum(values, 0.1), origin="lower", extent=extent, norm=norm, cmap="magma")
             axes.set(title=f"{case}, {row['cells']} x {row['cells']} cells", xlabel="radius [eta r]")
+        for axes in line[len(mine) :]:
+            axes.set_axis_off()
         line[0].set_ylabel("height [eta r]")
         figure.colorbar(image, ax=line, label="dust density over its mean", shrink=0.9)
     figure.savefig(file, dpi=110)

@@ -5,14 +5,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from discsim import load_scene
+from discsim import Simulation, load_scene
+from discsim.study.errors import RINGS, binned_masses
 from discsim.study.measures import MODES, mean_run, measures_of, structure_of
 
 SIZE = 2.0
 
 
 def sim_of(**species):
-    scene = SimpleNamespace(centred=True, space=SimpleNamespace(dimensions=2, size=(SIZE, SIZE)))
+    space = SimpleNamespace(dimensions=2, size=(SIZE, SIZE))
+    scene = SimpleNamespace(centred=True, space=space, model=SimpleNamespace(polar=False))
     made = {kind: SimpleNamespace(pos=pos, mass=np.full(len(pos), 1.0 / len(pos))) for kind, pos in species.items()}
     return SimpleNamespace(scene=scene, state=SimpleNamespace(species=made))
 
@@ -33,6 +35,17 @@ def test_amplitudes_are_those_of_the_density():
         # |A_m| of 1 + a cos(m phi) is a / 2; noise of 40,000 particles in 20 rings, of which squares are taken off.
         assert found[m - 1] == pytest.approx(0.15, abs=0.02)
         assert max(a for k, a in zip(MODES, found, strict=True) if k != m) < 0.04
+
+
+def test_rings_divide_the_cells_of_a_polar_grid():
+    """A uniform disc in 9 rings of cells has its density in each of the rings that runs are compared by."""
+    disc = {"kind": "disc", "surface_density": 3e-7, "surface_density_index": 0.0, "inner": 0.7, "outer": 2.3}
+    eos = {"kind": "locally-isothermal", "aspect_ratio": 0.2}
+    tables = {"units": {"system": "code"}, "run": {"until": 1.0}, "space": {"size": 5.0}, "initial": disc}
+    sim = Simulation(tables | {"star": {"mass": 1.3}, "gas": {"method": "grid", "particles": 432, "eos": eos}})
+    edges = np.clip(np.linspace(0.0, 2.5, RINGS + 1), 0.7, 2.3)
+    expected = 3e-7 * np.pi * np.diff(edges**2)
+    np.testing.assert_allclose(binned_masses(sim)["gas"], expected, rtol=1e-12, atol=1e-18)
 
 
 def test_mass_in_clumps():
