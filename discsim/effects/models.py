@@ -33,7 +33,7 @@ class GasModel:
 
     @property
     def star_in_kick(self) -> bool:
-        """Whether the kick always contains the whole pull of the star, and the acceleration of the star's frame."""
+        """Whether the kick always contains all of the pull of the star, and the acceleration of the star's frame."""
         return self.given is not None or self.polar
 
 
