@@ -7,6 +7,7 @@ background, where it would be ignored.
 
 import os
 import signal
+import sys
 import tempfile
 from collections import Counter
 
@@ -36,6 +37,14 @@ def pytest_collection_modifyitems(items):
     tests = Counter(item.path for item in items)
     first = max(tests, key=tests.get, default=None)
     items.sort(key=lambda item: (item.path != first, item.path.name != SECOND, -tests[item.path]))
+
+
+@pytest.fixture(autouse=True)
+def close_figures():
+    """Close the figures of pyplot that a test has made: matplotlib warns about more than 20 open ones."""
+    yield
+    if "matplotlib.pyplot" in sys.modules:
+        sys.modules["matplotlib.pyplot"].close("all")
 
 
 @pytest.fixture
