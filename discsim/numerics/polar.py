@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from discsim.formulas.polar import ring_sides
 from discsim.kernels.polar import forces, transport, viscosity
 from discsim.kernels.polar.geometry import ENERGY, GHOSTS, Geometry, fill_force_ghosts, fill_ghosts
 from discsim.kernels.polar.parabola import side_coefficients
@@ -30,8 +31,7 @@ class PolarCells:
 
     def __init__(self, rings: int, angles: int, inner: float, outer: float, closed: bool) -> None:
         self.rings, self.angles = rings, angles
-        sides = inner * (outer / inner) ** (np.arange(-GHOSTS, rings + GHOSTS + 1) / rings)
-        sides[GHOSTS], sides[rings + GHOSTS] = inner, outer
+        sides = ring_sides(rings, inner, outer, GHOSTS)
         volume = 0.5 * (sides[1:] - sides[:-1]) * (sides[1:] + sides[:-1])
         angle = 2.0 * math.pi / angles
         self.azimuth = (np.arange(angles) + 0.5) * angle

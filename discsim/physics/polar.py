@@ -1,4 +1,4 @@
-"""Polar grid of a scene's gas (`gas.method = "grid"`): edges, and numbers of rings and cells. Numpy only."""
+"""Polar grid of a scene's gas (`gas.method = "grid"`): edges, numbers of rings and cells, mass in rings. Numpy only."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from discsim.formulas import polar
 from discsim.physics import profile
 
 if TYPE_CHECKING:
+    from discsim.numerics.state import Particles
     from discsim.scene import Scene
 
 
@@ -43,3 +44,16 @@ def polar_shape(scene: Scene) -> PolarShape:
     rings = rings or polar.ring_count(scene.gas.particles, inner, outer)
     closed = grid is not None and grid.edges == "closed"
     return PolarShape(rings, polar.angle_count(scene.gas.particles, rings), inner, outer, closed)
+
+
+def mass_in_rings(scene: Scene, gas: Particles, edges: np.ndarray) -> np.ndarray:
+    """Return the mass of the gas of a scene in the rings between the radii `edges` (rings + 1,).
+
+    The edges divide the cells of a polar grid, whose densities are uniform.
+    """
+    if not scene.model.polar:
+        return np.histogram(np.sqrt((gas.pos**2).sum(axis=1)), edges, weights=gas.mass)[0]
+    shape = polar_shape(scene)
+    of_ring = gas.mass.reshape(shape.rings, shape.angles).sum(axis=1)
+    sides = polar.ring_sides(shape.rings, shape.inner, shape.outer)
+    return np.diff(np.interp(edges**2, sides**2, np.concatenate([[0.0], np.cumsum(of_ring)])))

@@ -15,6 +15,7 @@ from discsim.initial import start_of
 from discsim.initial.measure import ErrorMeasure
 from discsim.output.history import history_columns, history_row
 from discsim.physics.eos import eos_of
+from discsim.physics.polar import mass_in_rings
 from discsim.run.simulation import Simulation
 from discsim.scene import Scene
 
@@ -46,9 +47,8 @@ def binned_masses(sim: Simulation) -> dict[str, list[float]]:
     for kind, p in sim.state.species.items():
         if is_disc(scene):
             edges = np.linspace(0.0, 0.5 * min(scene.space.size), RINGS + 1)
-            if kind == "gas" and scene.model.polar:
-                gas: Any = sim.effects["gas"]
-                mass = _mass_of_cells(gas.cells, p.mass, edges)
+            if kind == "gas":
+                mass = mass_in_rings(scene, p, edges)
             else:
                 mass, _ = np.histogram(np.sqrt((p.pos**2).sum(axis=1)), edges, weights=p.mass)
         else:
@@ -57,15 +57,6 @@ def binned_masses(sim: Simulation) -> dict[str, list[float]]:
             mass, _ = np.histogramdd(p.pos, bins=RINGS, range=spans, weights=p.mass)
         out[kind] = mass.ravel().tolist()
     return out
-
-
-def _mass_of_cells(cells: Any, mass: Array, edges: Array) -> Array:
-    """Return the mass in each ring between `edges`, of gas in the cells of `PolarCells` with the masses `mass` (n,).
-
-    The density of a cell is uniform, so that edges may divide cells.
-    """
-    within = np.concatenate([[0.0], np.cumsum(mass.reshape(cells.rings, cells.angles).sum(axis=1))])
-    return np.diff(np.interp(edges**2, cells.geometry.sides**2, within))
 
 
 def profile_errors(found: dict[str, list[float]], reference: dict[str, list[float]]) -> dict[str, float]:
