@@ -18,7 +18,7 @@ def angle_count(cells: int, rings: int) -> int:
 
 
 def ring_sides(rings: int, inner: float, outer: float, ghosts: int = 0) -> np.ndarray:
-    """Return the radii (rings + 1 + 2 ghosts,) of the sides of rings, even in ln r, with `ghosts` more at both edges."""
+    """Return the radii (rings + 1 + 2 ghosts,) of the sides of rings even in ln r, with `ghosts` more at each edge."""
     sides = inner * (outer / inner) ** (np.arange(-ghosts, rings + ghosts + 1) / rings)
     sides[ghosts], sides[rings + ghosts] = inner, outer  # without rounding
     return sides

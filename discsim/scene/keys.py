@@ -121,7 +121,7 @@ class PolarGrid(Table):
 
 
 class Gas(Table):
-    particles: Particles = Field(description="number of SPH particles")
+    particles: Particles = Field(description="number of SPH particles, or of cells of a polar grid")
     method: Literal["sph", "grid"] = Field(
         "sph", description='"sph": smoothed particle hydrodynamics; "grid": polar grid of about gas.particles cells'
     )
