@@ -15,7 +15,7 @@ FAULTS = [
     # (what to replace in DISC, by what, line, start of the message * its end)
     ("[self_gravity]", "[self_gravty]", 29, 'self_gravty: unknown table;* did you mean "self_gravity"?'),
     ("particles = 100_000", "partikles = 100_000", 16, 'gas.partikles: unknown key;* mean "particles"?'),
-    ("particles = 100_000", "", 15, "gas.particles: missing (number of SPH particles)"),
+    ("particles = 100_000", "", 15, "gas.particles: missing (number of SPH particles, or of cells of a polar grid)"),
     ('until = "1060 yr"', "", 5, 'run.until: missing * expected a time, like "100 yr"'),
     ('outer = "100 au"', 'outer = "100 Msun"', 14, 'initial.outer: "100 Msun" is a mass; expected a length*'),
     ('outer = "100 au"', "outer = 100", 14, 'initial.outer: 100 has no unit; a length needs a unit*'),
