@@ -42,6 +42,7 @@ from discsim.physics import companions as formulas
 from discsim.physics.companions import softening
 from discsim.physics.local import PHASES, resolution
 from discsim.physics.orbits import IN_KICKS, Orbits
+from discsim.physics.polar import polar_shape
 from discsim.scene.keys import Companion as Keys
 from discsim.scene.rules import Draft, Problem, missing_tables
 
@@ -111,18 +112,19 @@ class _LocalLengths(NamedTuple):
     """Length scales at the semi-major axis of a companion.
 
     units: units of the scene. softening: softening of the companion. height: scale height H of the gas. resolution:
-    smoothing length h of the gas, as in `GasSamples.resolution`. `height` and `resolution` are None if the scene
-    does not define them.
+    smoothing length h of the gas, as in `GasSamples.resolution`, or the side of a cell of a polar grid. `height` and
+    `resolution` are None if the scene does not define them. unit: name of `resolution` as a unit, "h" or "cells".
     """
 
     units: Units
     softening: float
     height: float | None
     resolution: float | None
+    unit: str = "h"
 
     def as_text(self, length: float) -> str:
-        """Return a length with its unit and in multiples of H and h, for a table of derived numbers."""
-        scales = ((self.height, "H"), (self.resolution, "h"))
+        """Return a length with its unit and in multiples of H and `resolution`, for a table of derived numbers."""
+        scales = ((self.height, "H"), (self.resolution, self.unit))
         others = ", ".join(f"{length / scale:.3g} {name}" for scale, name in scales if scale is not None)
         return self.units.show(length, "length") + (f" ({others})" if others else "")
 
@@ -134,6 +136,9 @@ def _local_lengths(scene: Scene, at: base.GasSamples, companion: Any) -> _LocalL
     is_known = scene.background is not None or (gas is not None and _has_height(gas.eos))
     height = float(formulas.scale_height(scene, r)) if is_known else None
     h = None
+    if scene.model.polar:
+        side = float(polar_shape(scene).side(np.array(r)))
+        return _LocalLengths(scene.units, softening(scene, companion, r), height, side, "cells")
     if gas is not None and at.particle_mass is not None and (density := _initial_gas(scene, r, "density")) > 0.0:
         mass = at.particle_mass * _initial_gas(scene, r, "relative_mass")
         h = float(resolution(scene, np.array(gas.smoothing_length or gas.eta * math.sqrt(mass / density))))
@@ -314,7 +319,8 @@ def _companion_rows(scene: Scene, at: base.GasSamples) -> Iterator[tuple[str, st
 
 
 def _companion_warnings(scene: Scene, at: base.GasSamples) -> Iterator[str]:
-    """Yield warnings of a Hill radius or softening below the smoothing length of the gas."""
+    """Yield warnings of a Hill radius or softening below the smoothing length of the gas, or below 1.5 polar cells."""
+    least, unit = (1.5, "side of a cell") if scene.model.polar else (1.0, "smoothing length h")
     for k, companion in enumerate(scene.table("companion"), 1):
         near = _local_lengths(scene, at, companion)
         if near.resolution is None:
@@ -326,11 +332,11 @@ def _companion_warnings(scene: Scene, at: base.GasSamples) -> Iterator[str]:
         if companion.accretion_radius < near.resolution:
             lengths.append(("companion.softening", near.softening, "a longer companion.softening, or "))
         for name, length, other in lengths:
-            if 0.0 < length < near.resolution:
-                needed = scene.gas.particles * (near.resolution / length) ** 2
+            if 0.0 < length < least * near.resolution:
+                needed = scene.gas.particles * (least * near.resolution / length) ** 2
                 yield (
-                    f"{name} of companion {k} is {length / near.resolution:.2g} times the smoothing length h "
-                    f"of the gas there, below 1: choose {other}about {needed:.2g} gas.particles"
+                    f"{name} of companion {k} is {length / near.resolution:.2g} times the {unit} "
+                    f"of the gas there, below {least:g}: choose {other}about {needed:.2g} gas.particles"
                 )
 
 

@@ -10,6 +10,7 @@ from discsim.exact import nsh, spreading_ring
 from discsim.initial.polar import FLOOR
 from discsim.physics.polar import polar_shape
 from discsim.preview.check import report
+from discsim.preview.warnings import warnings
 from discsim.run.forces import PhysicsError
 
 MASS = 1.3  # of the star
@@ -335,3 +336,15 @@ def test_check_prints_the_grid():
     text = report(load_scene(DISC))
     assert "polar grid" in text
     assert "rings of" in text
+
+
+@pytest.mark.parametrize("cells, count", [(1000, 2), (12_000, 0)])
+def test_cells_resolve_the_hill_radius_and_the_softening(cells, count):
+    """At r = 1 with q = 3e-4 / 1.3, softening 0.6 H = 0.042; rings of 12 and 42 between 0.6 and 1.5, square cells."""
+    scene = load_scene(changed(DISC, gas=DISC["gas"] | {"particles": cells}, companion=PLANET))
+    side = float(polar_shape(scene).side(np.array(1.0)))
+    lengths = (PLANET["mass"] / MASS / 3.0) ** (1.0 / 3.0), 0.042
+    said = [line for line in warnings(scene) if "companion 1" in line]
+    expected = [f"is {length / side:.2g} times the side of a cell" for length in lengths if length < 1.5 * side]
+    assert len(said) == len(expected) == count
+    assert all(words in line for words, line in zip(expected, said, strict=True))
