@@ -33,7 +33,7 @@ class GasModel:
 
     @property
     def star_in_kick(self) -> bool:
-        """Whether the kick contains the full pull of the star in all runs, and the acceleration of its frame."""
+        """Whether the kick contains the gravity of the star, and the acceleration of the frame of the star."""
         return self.given is not None or self.polar
 
 

@@ -59,7 +59,7 @@ def test_fragments():
 
 
 def test_cold_gas_in_wide_cells():
-    """H of a tenth of a cell, with a planet: unresolved waves do not grow."""
+    """A scale height of a tenth of a cell, and a planet: waves that the cells do not resolve stay small."""
     eos = DISC["gas"]["eos"] | {"aspect_ratio": 0.005}
     sim = run(changed(DISC, gas={"eos": eos}, companion=HEAVY | {"mass": 1e-6}), 40.0)
     r = np.hypot(*sim.gas.pos.T)

@@ -30,9 +30,7 @@ class Zones(NamedTuple):
     star: float  # G M
     softening: float
     in_drift: np.ndarray  # (kinds,): fraction of the star's gravity that the drift contains
-    polar: bool = (
-        False  # whether drifts conserve the radial velocity and angular momentum except for the centrifugal force
-    )
+    polar: bool = False  # whether the drift is in polar coordinates (`kernels/polar/dust.py`)
 
 
 @jit
