@@ -5,7 +5,10 @@ far end, and tau is `time` orbits at the far end. v*(r) is the initial velocity 
 the gas, and the drift of the dust. If the start defines neither (a snapshot, own particles), v*(r) is the initial
 velocity of the particles, averaged over azimuth.
 
-The ledger records the momentum and angular momentum that damping removes. Damping sets no time-step limit.
+With `surface_density` the gas of a polar grid relaxes to the mean initial surface density of its rings too:
+dSigma/dt = -(Sigma - Sigma*(r)) R(r) at constant velocity.
+
+The ledger records the momentum, angular momentum and mass that damping removes. Damping sets no time-step limit.
 """
 
 from __future__ import annotations
@@ -24,6 +27,7 @@ from discsim.numerics.totals import rounded
 from discsim.parts import Lazy
 from discsim.physics.centre import kepler_omega
 from discsim.physics.orbits import drift_masses
+from discsim.physics.polar import cell_areas, polar_shape
 from discsim.scene.keys import Damping as Keys
 from discsim.scene.rules import Draft, Problem
 
@@ -56,11 +60,18 @@ def _disc_problems(draft: Draft) -> Iterator[Problem]:
         yield ("space",), 'damping zones are rings about a star; expected dimensions = 2 and boundary = "open"'
 
 
+def _density_problems(draft: Draft) -> Iterator[Problem]:
+    """Yield a problem of gas without cells, whose surface density cannot relax."""
+    if draft.damping.surface_density and (draft.gas is None or draft.gas.method != "grid"):
+        wrong = "only gas on a polar grid relaxes its surface density"
+        yield ("damping", "surface_density"), f'{wrong}; remove this key, or set gas.method = "grid"'
+
+
 class Effect(base.Effect):
     """Damping of velocities in zones. zones: parameters of the zones and the table of v*, for the kernel."""
 
     keys = Keys
-    rules = (_zone_problems, _disc_problems)
+    rules = (_zone_problems, _disc_problems, _density_problems)
     from_start = ("zones",)
 
     def __init__(self, scene: Scene, state: State) -> None:
@@ -94,7 +105,21 @@ class Effect(base.Effect):
             *state.central,
             self._pull_in_drift(state),
             self.scene.model.polar,
+            self._densities(state, radius),
         )
+
+    def _densities(self, state: State, radius: np.ndarray) -> np.ndarray:
+        """Return the mean initial surface density (n,) of the gas at `radius` (n,); empty if masses do not change."""
+        if not self.scene.table("damping").surface_density:
+            return np.empty(0)
+        shape = polar_shape(self.scene)
+        r, density = (
+            values.reshape(shape.rings, shape.angles).mean(axis=1)
+            for values in (np.sqrt((state.gas.pos**2).sum(axis=1)), state.gas.mass / cell_areas(self.scene, state.gas))
+        )
+        # A table that ended at the outermost rings would be flat on the far side of their centroids.
+        r, density = (np.concatenate([[2.0 * v[0] - v[1]], v, [2.0 * v[-1] - v[-2]]]) for v in (r, density))
+        return np.interp(radius, r, density)
 
     def _pull_in_drift(self, state: State) -> np.ndarray:
         """Return the fractions of the star's pull that act in the drift: for the gas, then for each dust population."""
@@ -109,13 +134,16 @@ class Effect(base.Effect):
         return [base.Operator("damping.zones", base.Slot.AROUND_DRIFT, self.operate)]
 
     def operate(self, state: State, dt: float) -> None:
-        """Damp velocities of gas and dust over dt, and record the lost momenta in the ledger."""
+        """Damp velocities of gas and dust over dt, and record what they lose in the ledger."""
         ahead = 0.0 if self.scene.model.given is not None else -state.velocity_lag
         zones = self.zones._replace(star=state.central_mass)  # a growing star speeds up circular orbits
         for name, p in state.species.items():
             row = 0 if name == "gas" else int(state.gas is not None)  # of v*; the first row of the species
             species = getattr(p, "species", base.NO_SPECIES)
-            arguments = p.pos, p.vel, p.mass, species, row, base.centre_of_disc(state), zones, ahead, dt
+            is_damped = name == "gas" and len(zones.density) > 0
+            area = cell_areas(self.scene, state.gas) if is_damped else np.empty(0)
+            arguments = p.pos, p.vel, p.mass, species, area, row, base.centre_of_disc(state), zones, ahead, dt
             lost = rounded(sum(parallel_for(kernels.relax, p.count, *arguments)))
             state.ledger.damped_momentum += lost[:2]
             state.ledger.damped_angular_momentum += float(lost[2])
+            state.ledger.damped_gas += float(lost[3])

@@ -24,7 +24,7 @@ from discsim.numerics.state import State
 from discsim.numerics.threads import parallel_for
 from discsim.parts import EOS, SCHEMES, Lazy
 from discsim.physics import profile
-from discsim.physics.polar import polar_shape
+from discsim.physics.polar import cell_areas, polar_shape
 from discsim.scene.rules import Draft, Problem, quoted, starts_where
 
 if TYPE_CHECKING:
@@ -331,7 +331,6 @@ class Viscosity(alpha_viscosity.Effect):
 
     def limit(self, view: base.View) -> dict[str, base.Limit]:
         p = view.gas
-        side2 = (p.h / view.scene.gas.eta) ** 2
         with np.errstate(divide="ignore"):
-            step = float((VISCOUS_STEP * side2 / p.nu).min())
+            step = float((VISCOUS_STEP * cell_areas(view.scene, p) / p.nu).min())
         return {"gas": base.Limit(step, UNSTABLE * step)}

@@ -242,6 +242,7 @@ class Ledger:
     accreted_angular_momentum: float = 0.0
     damped_momentum: Array = field(default_factory=lambda: np.zeros(2))
     damped_angular_momentum: float = 0.0
+    damped_gas: float = 0.0
 
 
 class SubcycleClock(NamedTuple):

@@ -10,7 +10,7 @@ from discsim.formulas import polar
 from discsim.physics import profile
 
 if TYPE_CHECKING:
-    from discsim.numerics.state import Particles
+    from discsim.numerics.state import Gas, Particles
     from discsim.scene import Scene
 
 
@@ -44,6 +44,11 @@ def polar_shape(scene: Scene) -> PolarShape:
     rings = rings or polar.ring_count(scene.gas.particles, inner, outer)
     closed = grid is not None and grid.edges == "closed"
     return PolarShape(rings, polar.angle_count(scene.gas.particles, rings), inner, outer, closed)
+
+
+def cell_areas(scene: Scene, gas: Gas) -> np.ndarray:
+    """Return the areas (n,) of the cells of a polar grid, whose smoothing length is `gas.eta` times their side."""
+    return (gas.h / scene.gas.eta) ** 2
 
 
 def mass_in_rings(scene: Scene, gas: Particles, edges: np.ndarray) -> np.ndarray:

@@ -72,8 +72,10 @@ def conserved_quantities(scene: Scene, rows: list[dict[str, str]]) -> list[Conse
     ends = [] if is_2d or scene.space.boundary == "periodic" else ["the ends of the tube"]
     energy_causes = [f"[{name}]" for name in ENERGY_EFFECTS if scene.table(name) is not None] + accretion
     energy_causes += [] if scene.gas is None or eos_of(scene).closes_energy else ["the prescribed gas temperature"]
+    damping = scene.table("damping")
+    mass_causes = ["[damping]"] if damping is not None and damping.surface_density else []
     has_units = is_2d or scene.units.system == "code"  # else all quantities are per area, and mass is a surface density
-    found = [quantity("mass", mass, float(np.abs(mass).max()), "mass" if has_units else "surface_density", [])]
+    found = [quantity("mass", mass, float(np.abs(mass).max()), "mass" if has_units else "surface_density", mass_causes)]
     if has_units:
         momentum = np.hypot(*(column(f"momentum_{x}") - column(f"momentum_{x}")[0] for x in "xy"))
         found.append(quantity("momentum", momentum, momentum_scale, "momentum", momentum_causes + ends))

@@ -476,6 +476,9 @@ class Damping(Table):
         None, description="damping zone [from, to] at the outer edge; full damping from the radius `to` outwards"
     )
     time: Number = Field(0.3, gt=0, description="relaxation time at full damping, in local orbits")
+    surface_density: bool = Field(
+        False, description="whether the surface density of gas on a polar grid relaxes to its initial profile too"
+    )
 
 
 class AlphaViscosity(Table):

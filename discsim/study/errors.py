@@ -89,7 +89,7 @@ def totals(sim: Simulation) -> dict[str, float]:
         ledger = state.ledger
     energy = row["kinetic_gas"] + row["kinetic_dust"] + row["thermal"] + row["potential"] + row["radiated"]
     momentum = np.array([row["momentum_x"], row["momentum_y"]]) + ledger.accreted_momentum
-    mass = row["mass_gas"] + row["mass_dust"] + ledger.accreted_gas + ledger.accreted_dust
+    mass = row["mass_gas"] + row["mass_dust"] + ledger.accreted_gas + ledger.accreted_dust + ledger.damped_gas
     return {
         "mass": mass + row.get("mass_small", 0.0) + ledger.accreted_small,
         "momentum_x": float(momentum[0]),

@@ -382,6 +382,8 @@ def _on_a_polar_grid(s: Scribe, scene: dict[str, Any]) -> dict[str, Any]:
     scene["run"].pop("integrator", None)
     if parts.SCHEMES[scene.get("drag", {}).get("scheme", "tsc")].cells is None:
         scene["drag"]["scheme"] = "tsc"
+    if "damping" in scene and s.chance(0.5):
+        scene["damping"]["surface_density"] = True
     return scene
 
 

@@ -31,21 +31,24 @@ class Zones(NamedTuple):
     softening: float
     in_drift: np.ndarray  # (kinds,): fraction of the star's gravity that the drift contains
     polar: bool = False  # whether the drift is in polar coordinates (`kernels/polar/dust.py`)
+    density: np.ndarray = np.empty(0)  # (nodes,): surface density to which cells relax; empty if they keep their mass
 
 
 @jit
-def relax(first, last, pos, vel, mass, species, kind, centre, zones, ahead, dt):
+def relax(first, last, pos, vel, mass, species, area, kind, centre, zones, ahead, dt):
     """Relax the velocities `vel` (n, 2) of the particles `first` to `last` over dt, in place.
+
+    area (n,): areas of cells whose `mass` (n,) relaxes too; empty for particles, and cells that keep their mass.
 
     kind: row of the gas in `zones.table`, or of the first dust population. species (n,): population of each particle,
     which is added to `kind`; empty for gas. centre: (x, y, v_x, v_y) of the centre of the zones. ahead: the time s by
     which velocities are ahead of positions.
 
-    Returns the x and y momentum and the angular momentum that the particles lose, as limbs (3, LIMBS) of exact sums
-    (`kernels/common/totals.py`).
+    Returns the x and y momentum, the angular momentum and the mass that the particles lose, as limbs (4, LIMBS) of
+    exact sums (`kernels/common/totals.py`).
     """
     last_node = zones.table.shape[1] - 1
-    limbs, terms = np.zeros((3, LIMBS), np.int64), np.empty(3)
+    limbs, terms = np.zeros((4, LIMBS), np.int64), np.zeros(4)
     bits = terms.view(np.int64)
     for block in range(first, last, MAX_TERMS):
         for i in range(block, min(block + MAX_TERMS, last)):
@@ -82,10 +85,15 @@ def relax(first, last, pos, vel, mass, species, kind, centre, zones, ahead, dt):
             dx, dy = lost * (vx - (v * x - w * y)), lost * (vy - (v * y + w * x))
             vel[i, 0] -= dx
             vel[i, 1] -= dy
-            terms[0], terms[1] = mass[i] * dx, mass[i] * dy
-            terms[2] = mass[i] * (pos[i, 0] * dy - pos[i, 1] * dx)
-            for k in range(3):
+            dm = 0.0
+            if len(area) > 0:
+                aim = (1.0 - part) * zones.density[node] + part * zones.density[node + 1]
+                dm = lost * (mass[i] - aim * area[i])
+            dx, dy = mass[i] * dx + dm * vel[i, 0], mass[i] * dy + dm * vel[i, 1]
+            mass[i] -= dm
+            terms[0], terms[1], terms[2], terms[3] = dx, dy, pos[i, 0] * dy - pos[i, 1] * dx, dm
+            for k in range(4):
                 add_number(bits[k], limbs[k])
-        for k in range(3):
+        for k in range(4):
             carry(limbs[k])
     return limbs
