@@ -61,8 +61,12 @@ def _key_problems(draft: Draft) -> Iterator[Problem]:
             yield ("gas", key), 'used only by SPH, but gas.method is "grid"; remove this key'
     grid = draft.gas.grid
     inner, outer = (None, None) if grid is None else (grid.inner, grid.outer)
-    if draft.start is None and None in (inner, outer):
-        yield ("gas", "grid"), "without [initial] the grid has no edges; add gas.grid.inner and gas.grid.outer"
+    if None in (inner, outer):
+        if draft.start is None:
+            yield ("gas", "grid"), "without [initial] the grid has no edges; add gas.grid.inner and gas.grid.outer"
+        elif draft.start.restore is not None and not draft.initial.file.polar:
+            wrong = "initial.file has SPH particles and no edges"
+            yield ("gas", "grid"), f"{wrong}; add gas.grid.inner and gas.grid.outer"
     if None not in (inner, outer) and outer <= inner:
         yield ("gas", "grid", "outer"), "the outer edge is not larger than the inner one; expected outer > inner"
     if draft.space and outer is not None and 2.0 * outer > min(draft.space.size):
@@ -74,12 +78,10 @@ def _disc_problems(draft: Draft) -> Iterator[Problem]:
     if draft.space and (draft.dimensions != 2 or draft.space.boundary != "open"):
         wrong = "a polar grid needs an open plane"
         yield ("gas", "method"), f'{wrong}; set space.dimensions = 2 and space.boundary = "open", or method = "sph"'
-    elif draft.start and draft.start.radial is None:
-        words = quoted(starts_where(lambda start: start.radial is not None))
+    elif draft.start and draft.start.edges is None:
+        words = quoted(starts_where(lambda start: start.edges is not None))
         wrong = f'a polar grid needs a disc, but initial.kind is "{draft.kind}"'
         yield ("gas", "method"), f'{wrong}; choose initial.kind {words}, or set method = "sph"'
-    elif draft.start and draft.start.restore is not None:
-        yield ("gas", "method"), 'a polar grid cannot start from a snapshot; set method = "sph"'
     if getattr(draft.initial, "relax", 0.0) > 0.0:
         wrong = "gas on a polar grid starts in balance and needs no relaxation"
         yield ("initial", "relax"), f"{wrong}; remove this key"
@@ -205,7 +207,8 @@ class Gas(gas.Effect):
     def operators(self, state: State) -> list[base.Operator]:
         slots = base.Slot
         reads = base.arrays("gas", "pos mass vel kick_acc u kick_rate small") | {"bodies"}
-        made = "acc_unshared pressure sound_speed nu heating_rate pressure_acc pressure_vel"
+        made = "acc_unshared pressure sound_speed nu heating_rate pressure_acc pressure_vel last_heating_rate "
+        made += "last_pressure_acc"
         found = base.arrays("gas", "density")
         return [
             base.Operator(gas.DENSITY, slots.FIELD, self.find_density, reads, found),
@@ -243,12 +246,13 @@ class Gas(gas.Effect):
         self.cells.find_velocities(p.vel, p.kick_acc, lag)
         if p.u is None:
             return self._add_forces(view, None, acc)
-        u, last_rate, rate = self.predicted(view)[1], p.heating_rate.copy(), p.kick_acc
+        p.last_heating_rate[:], p.last_pressure_acc[:] = p.heating_rate, p.pressure_acc
+        u, rate = self.predicted(view)[1], p.kick_acc
         if lag > 0.0:
             push = np.zeros_like(acc)
             self._add_forces(view, u, push)
-            u = np.maximum(u + lag * (p.heating_rate - last_rate), gas.LEAST_ENERGY * p.u)
-            rate = rate + push - p.pressure_acc
+            u = np.maximum(u + lag * (p.heating_rate - p.last_heating_rate), gas.LEAST_ENERGY * p.u)
+            rate = rate + push - p.last_pressure_acc
             self.cells.find_velocities(p.vel, rate, lag)
         p.pressure_vel[:] = p.vel + lag * rate
         return self._add_forces(view, u, acc)
@@ -283,9 +287,9 @@ class Gas(gas.Effect):
     def drift(self, state: State, dt: float) -> None:
         """Move the gas between the cells, and record what leaves the edges in the ledger."""
         p, ledger = state.gas, state.ledger
-        lost = self.cells.move(p.mass, p.vel, p.pressure, p.u, self.gamma, dt, radial_first=state.step % 2 == 0).sum(
-            axis=0
-        )
+        lost = self.cells.move(
+            p.mass, p.vel, p.pressure, p.u, self.gamma, dt, radial_first=(state.step + state.earlier) % 2 == 0
+        ).sum(axis=0)
         if lost.any():
             ledger.accreted_gas += float(lost[0])
             ledger.accreted_momentum += lost[1:3]

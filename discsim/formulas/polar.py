@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 MIN_RINGS, MIN_ANGLES = 5, 8
+FLOOR = 1e-6  # smallest initial surface density, over the largest one
 
 
 def ring_count(cells: int, inner: float, outer: float) -> int:

@@ -50,7 +50,7 @@ def make_particles(scene: Scene) -> ParticleArrays:
     if scene.model.cells:
         return _particles_in_cells(scene)
     arrays = _with_grain_sizes(scene, start_of(scene).particles(scene))
-    if scene.model.polar:
+    if scene.model.polar and start_of(scene).radial is not None:
         return arrays | {"gas": polar.gas_in_cells(scene)}
     return arrays if scene.table("growth") is None else _with_small_dust(scene, arrays)
 
@@ -224,6 +224,8 @@ def _make_gas(scene: Scene, given: dict[str, Any]) -> Gas:
         kick_acc=np.zeros((n, dim)) if has_kick_acc else None,
         pressure_acc=np.zeros((n, dim)) if heated else None,
         pressure_vel=np.zeros((n, dim)) if heated else None,
+        last_heating_rate=np.zeros(n) if heated and scene.model.polar else None,
+        last_pressure_acc=np.zeros((n, dim)) if heated and scene.model.polar else None,
         radiated=None if scene.cooling is None else np.zeros(n),
         immobile=given.get("immobile"),
         nu=np.zeros(n) if viscous else None,

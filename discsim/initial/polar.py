@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from discsim.formulas.polar import FLOOR
 from discsim.initial import rings
 from discsim.numerics.polar import PolarCells
 from discsim.physics import profile
@@ -14,7 +15,6 @@ from discsim.physics.polar import polar_shape
 if TYPE_CHECKING:
     from discsim.scene import Scene
 
-FLOOR = 1e-6  # smallest initial surface density, over the largest one
 PARTS = 16  # parts of a ring in the integral of its mass
 
 

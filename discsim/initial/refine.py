@@ -92,7 +92,7 @@ def refine_particles(arrays: dict[str, Array], number: int) -> dict[str, Array]:
     away -= away.mean(axis=1, keepdims=True)
     flat = away.reshape(-1, 2)
     fields = vel if "u" not in arrays else np.column_stack([vel, arrays["u"]])
-    slopes = _gradients(pos, fields)
+    slopes = gradients(pos, fields)
     change = np.einsum("nki,nif->nkf", away, slopes).reshape(len(flat), -1)
     out["pos"], out["vel"] = out["pos"] + flat, out["vel"] + change[:, :2]
     if "u" in arrays:
@@ -120,7 +120,7 @@ def _child_displacements(number: int) -> Array:
     return pos * np.sqrt((1.0 - 1.0 / number) / 6.0 / (pos**2).sum(axis=1).mean())
 
 
-def _gradients(pos: Array, fields: Array) -> Array:
+def gradients(pos: Array, fields: Array) -> Array:
     """Return the gradients (n, 2, fields) of the quantities `fields` (n, fields) at the positions `pos` (n, 2).
 
     The gradient at a particle is that of a least-squares plane through the values at the particle and its neighbours,

@@ -13,7 +13,8 @@ import numpy as np
 from discsim.printable import UserError
 
 Array = np.ndarray
-VECTORS = ("pos", "vel", "acc", "kick_acc", "pressure_acc", "pressure_vel")  # (n, dimensions); others (n,)
+# Arrays (n, dimensions); others are (n,).
+VECTORS = ("pos", "vel", "acc", "kick_acc", "pressure_acc", "pressure_vel", "last_pressure_acc")
 TYPES = {"ids": np.int64, "species": np.int64, "global_index": np.uint64, "immobile": np.bool_}  # others float64
 POSITIVE = {"gas": ("mass", "h", "h_before")}
 NOT_NEGATIVE = {

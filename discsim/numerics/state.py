@@ -216,6 +216,9 @@ class Gas(Particles):
     divergence: Array | None = None
     shocked: Array | None = None
     followed_at: Array | None = None
+    # For adiabatic gas in polar cells: heating_rate and pressure_acc before the present ones, those of the last kick.
+    last_heating_rate: Array | None = None
+    last_pressure_acc: Array | None = None
     h_before: Array | None = None  # start value of the iteration for h (if h is not fixed)
 
 

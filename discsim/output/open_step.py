@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 Array = np.ndarray
 GROUP = "OpenStep"
 KICKED = ("vel", "u", "kick_acc", "kick_rate")  # arrays that a kick changes or uses
+GUESSES = ("h_before", "last_heating_rate", "last_pressure_acc")  # arrays from which the forces were found
 BODY_ARRAYS = ("pos", "gained", "begun")  # arrays of star and companions that are always stored
 
 
@@ -58,7 +59,7 @@ def open_step_of(state: State, joint_kick: bool) -> OpenStep:
     arrays = {}
     for species, particles in state.species.items():
         held, order = particles.arrays(), np.argsort(particles.ids, kind="stable")
-        arrays[species] = {name: held[name][order] for name in (*names, "h_before") if name in held}
+        arrays[species] = {name: held[name][order] for name in (*names, *GUESSES) if name in held}
     if state.bodies is not None:
         held = state.bodies.arrays()
         arrays["bodies"] = {name: held[name].copy() for name in (*BODY_ARRAYS, *(names[:1]))}

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 import numpy as np
 from pydantic import BeforeValidator, Field, ValidationInfo
 
-from discsim.initial import add_small_dust
+from discsim.initial import add_small_dust, random_stream
 from discsim.initial.base import SamplePoints, Start
 from discsim.initial.refine import refine_particles, thin_particles, thinning_range
 from discsim.parts import Lazy
@@ -28,6 +28,7 @@ from discsim.physics import profile
 from discsim.physics.eos import eos_of
 from discsim.physics.grains import has_individual_sizes
 from discsim.physics.orbits import ContinuedBody, Orbits
+from discsim.physics.polar import polar_shape
 from discsim.scene import SceneError, load_scene
 from discsim.scene.differences import FREE_TO_CHANGE, differences
 from discsim.scene.fields import AllowedValues, Count, InputFile, Length, Table, fault
@@ -40,7 +41,7 @@ if TYPE_CHECKING:
     from discsim.scene.rules import Draft, Problem
 
 snapshots = Lazy("discsim.output.snapshot")  # imports h5py
-growth = Lazy("discsim.physics.growth")
+growth, regrid = Lazy("discsim.physics.growth"), Lazy("discsim.initial.regrid")
 Array = np.ndarray
 MAX_FACTOR = 1000  # largest factor of refining or thinning
 ORBIT_KEYS = ("mass", "semi_major_axis", "eccentricity", "phase", "orbit")  # keys of a companion that set its orbit
@@ -53,14 +54,15 @@ class SnapshotFile(InputFile):
     """A snapshot as an input file of a scene, with the numbers that the validation of the scene needs.
 
     `gas` is the number of gas particles, `dust` the number of particles of each dust population. `holds_heat` is
-    True if the gas has an internal energy u. `time` is the snapshot's time in code units of the scene, `time_text`
-    the same time as text.
+    True if the gas has an internal energy u, and `polar` if it is in cells of a polar grid. `time` is the snapshot's
+    time in code units of the scene, `time_text` the same time as text.
     """
 
     gas: int = field(default=0, compare=False)
     dust: tuple[int, ...] = field(default=(), compare=False)
     dimensions: int = field(default=2, compare=False)
     holds_heat: bool = field(default=False, compare=False)
+    polar: bool = field(default=False, compare=False)
     time: float = field(default=0.0, compare=False)
     time_text: str = field(default="0", compare=False)
 
@@ -84,12 +86,25 @@ def _validated_file(value: Any, info: ValidationInfo) -> SnapshotFile:
     tables = snap.tables.get("dust", [])
     populations = len(tables) if isinstance(tables, list) else 1
     numbers = () if snap.dust is None else np.bincount(_population_of(snap.dust), minlength=populations)
-    heat = snap.gas is not None and snap.gas.u is not None
+    heat, polar = snap.gas is not None and snap.gas.u is not None, _is_polar(snap)
+    if polar:
+        try:
+            regrid.shape_of_cells(snap.about_centre().gas.pos, closed=False)
+        except ValueError as error:
+            raise fault(f"{found.path}: {error}, as its scene says; use a snapshot of discsim") from None
     gas = snap.gas.count if snap.gas is not None else 0
     units = (info.context or {}).get("units", snap.units)
     time = snap.time if units == snap.units else float(units.to_code(snap.quantity("time")))
     text = show_plain_time(snap.time, snap.units, snap.scene_text)
-    return SnapshotFile(found.path, found.digest, gas, tuple(map(int, numbers)), snap.dimensions, heat, time, text)
+    return SnapshotFile(
+        found.path, found.digest, gas, tuple(map(int, numbers)), snap.dimensions, heat, polar, time, text
+    )
+
+
+def _is_polar(snap: Snapshot) -> bool:
+    """Return whether the gas of a snapshot is in cells of a polar grid."""
+    table = snap.tables.get("gas")
+    return snap.gas is not None and isinstance(table, dict) and table.get("method") == "grid"
 
 
 KIND: Final = "snapshot"
@@ -113,8 +128,11 @@ class FromSnapshot(Table):
 
     @property
     def counts(self) -> dict[str, list[int]]:
-        """Particle numbers of the gas, and of each dust population, after refining or thinning."""
-        gas, dust = [self.file.gas], [*self.file.dust]
+        """Particle numbers of the gas, and of each dust population, after refining or thinning.
+
+        Gas in polar cells has no number of particles.
+        """
+        gas, dust = [self.file.gas] if not self.file.polar else [], [*self.file.dust]
         return {name: [self.refine * len(range(*thinning_range(n, self.thin))) for n in numbers]
                 for name, numbers in (("gas", gas), ("dust", dust))}  # fmt: skip
 
@@ -131,6 +149,9 @@ def particles(scene: Scene) -> dict[str, dict[str, Array]]:
         arrays = _arrays_in_code_units(scene, name, held)
         if "small" in arrays:
             arrays = _with_masses_for_drag(scene, snap, arrays)
+        if name == "gas" and (start.file.polar or scene.model.polar):
+            out["gas"] = _regridded_gas(scene, snap, arrays)
+            continue
         groups = [arrays]
         if start.thin > 1 or start.refine > 1:
             groups = []
@@ -140,6 +161,19 @@ def particles(scene: Scene) -> dict[str, dict[str, Array]]:
                 groups.append(refine_particles(thin_particles(group, start.thin), start.refine))
         out[name] = {key: np.concatenate([group[key] for group in groups]) for key in arrays}
     return out
+
+
+def _regridded_gas(scene: Scene, snap: Snapshot, gas: dict[str, Array]) -> dict[str, Array]:
+    """Return the arrays `gas` of a snapshot in cells of the scene's polar grid, or as particles if it has none."""
+    held: Any = snap.gas
+    if not scene.initial.file.polar:
+        reach = held.h * snap.support
+        reach = reach if snap.units == scene.units else scene.units.to_code(snap.units.quantity(reach, "length"))
+        return regrid.particles_to_cells(polar_shape(scene), gas, reach)
+    before = regrid.shape_of_cells(gas["pos"], closed=False)
+    if scene.model.polar:
+        return regrid.cells_to_cells(before, polar_shape(scene), gas)
+    return regrid.cells_to_particles(before, gas, scene.gas.particles, random_stream(scene, "gas"))
 
 
 def _with_masses_for_drag(scene: Scene, snap: Snapshot, gas: dict[str, Array]) -> dict[str, Array]:
@@ -197,11 +231,13 @@ def _stored_scene(scene: Scene) -> Scene | None:
 def continues_run(scene: Scene) -> bool:
     """Return whether a run of `scene` continues the run of its snapshot to rounding.
 
-    The result is True if the snapshot has an open step, if its particles are neither refined nor thinned, and if no
-    key that affects a step has changed.
+    The result is True if the snapshot has an open step, if its particles are neither refined nor thinned, if a polar
+    grid has the same cells, and if no key that affects a step has changed.
     """
     start, before = scene.initial, _stored_scene(scene)
     if _cached_snapshot(start.file).open_step is None or before is None or start.refine > 1 or start.thin > 1:
+        return False
+    if scene.model.polar and polar_shape(scene).cells != start.file.gas:
         return False
     return not any(_affects_step(key) for key in differences(before, scene))
 
@@ -242,6 +278,9 @@ def _restore_arrays(state: State) -> None:
                 getattr(particles, key)[:] = array
     if state.gas is not None and state.gas.h_before is not None:
         state.gas.h[:] = state.gas.h_before
+    if state.gas is not None and state.gas.last_pressure_acc is not None:
+        state.gas.heating_rate[:] = state.gas.last_heating_rate
+        state.gas.pressure_acc[:] = state.gas.last_pressure_acc
     if state.bodies is not None:
         state.bodies.begun -= snap.time
         Orbits(scene).set_bodies(state.bodies, 0.0)
@@ -298,7 +337,7 @@ def _ring_samples(scene: Scene) -> SamplePoints:
     """Return surface density, mid radius and relative particle mass in rings with about equal particle numbers.
 
     The particles are the gas if scene and snapshot have gas, else the dust. If all particles have the same mass,
-    `relative_mass` is None.
+    or the gas is in cells, `relative_mass` is None.
     """
     snap = _cached_snapshot(scene.initial.file).about_centre()
     name = "gas" if scene.gas is not None and snap.gas is not None else "dust"
@@ -312,7 +351,9 @@ def _ring_samples(scene: Scene) -> SamplePoints:
     if np.ptp(arrays["mass"]) == 0.0:
         return SamplePoints([], density, middle)
     mass = np.histogram(r, edges, weights=arrays["mass"])[0][filled]
-    return SamplePoints([], mass / area[filled], middle, relative_mass=mass / (number[filled] * mean))
+    # Cells of a grid become particles of equal mass.
+    relative_mass = None if name == "gas" and scene.initial.file.polar else mass / (number[filled] * mean)
+    return SamplePoints([], mass / area[filled], middle, relative_mass=relative_mass)
 
 
 def _ring_edges(r: Array) -> Array:
@@ -347,7 +388,11 @@ def sample_all_gas(scene: Scene) -> tuple[SamplePoints, Array]:
 
 
 def edges(scene: Scene) -> tuple[float, float]:
-    """Return the mid radii of the innermost and the outermost ring."""
+    """Return the edges of a polar grid, or the mid radii of the innermost and the outermost ring of particles."""
+    if scene.initial.file.polar:
+        gas: Any = _cached_snapshot(scene.initial.file).about_centre().gas
+        shape = regrid.shape_of_cells(_arrays_in_code_units(scene, "gas", gas)["pos"], closed=False)
+        return shape.inner, shape.outer
     r = _ring_samples(scene).radius
     return float(r[0]), float(r[-1])
 

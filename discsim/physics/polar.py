@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from discsim.formulas import polar
-from discsim.physics import profile
+from discsim.parts import STARTS
 
 if TYPE_CHECKING:
     from discsim.numerics.state import Gas, Particles
@@ -38,8 +38,8 @@ def polar_shape(scene: Scene) -> PolarShape:
     grid = scene.gas.grid
     inner, outer = (None, None) if grid is None else (grid.inner, grid.outer)
     if None in (inner, outer):
-        disc = profile.radial(scene)
-        inner, outer = inner or disc.inner, outer or disc.outer
+        edges = STARTS[scene.initial.kind].edges(scene)
+        inner, outer = inner or edges[0], outer or edges[1]
     rings = grid.rings if grid is not None and grid.rings is not None else None
     rings = rings or polar.ring_count(scene.gas.particles, inner, outer)
     closed = grid is not None and grid.edges == "closed"

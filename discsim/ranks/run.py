@@ -19,7 +19,7 @@ from discsim.numerics.state import State
 from discsim.output.checkpoint import Values
 from discsim.output.history import history_row
 from discsim.output.layout import GROUPS
-from discsim.output.open_step import KICKED
+from discsim.output.open_step import GUESSES, KICKED
 from discsim.output.parts import remove_unused_parts
 from discsim.output.snapshot_writer import Extent, extent_of, write_snapshot
 from discsim.printable import printable
@@ -35,7 +35,7 @@ from discsim.run.simulation import Simulation
 from discsim.scene import Scene
 
 SNAPSHOT_ARRAYS = {"mass", "ids", *(name for _, fields in GROUPS.values() for name in fields)}  # arrays in snapshots
-OPEN_STEP_ARRAYS = {"mass", "ids", *KICKED, "h_before"}  # arrays from which a snapshot's open step is made
+OPEN_STEP_ARRAYS = {"mass", "ids", *KICKED, *GUESSES}  # arrays from which a snapshot's open step is made
 ABORT_DELAY = 3.0  # seconds that ranks wait for all others to end, before the job is aborted
 FAILED = 1  # exit status of unforeseen errors
 

@@ -360,14 +360,14 @@ def _with_defaults(data: dict[str, Any], own_particles: bool) -> dict[str, Any]:
 
 
 def _set_particle_counts(filled: dict[str, Any], counts: Mapping[str, Sequence[int]]) -> None:
-    """Set, in the tables `filled` in place, the particle numbers that the start defines.
+    """Set, in the tables `filled` in place, the particle numbers that the start defines; not those of polar cells.
 
     counts: by table name, one particle number for each table of this name.
     """
     for name, numbers in counts.items():
         tables = filled.get(name)
         for table, number in zip(tables if isinstance(tables, list) else [tables], numbers, strict=False):
-            if isinstance(table, dict):
+            if isinstance(table, dict) and table.get("method") != "grid":
                 table["particles"] = number
 
 

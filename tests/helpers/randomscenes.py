@@ -365,12 +365,14 @@ def _sheared(s: Scribe, scheme: str) -> dict[str, Any]:
 
 
 def _on_a_polar_grid(s: Scribe, scene: dict[str, Any]) -> dict[str, Any]:
-    """The scene with its gas on a polar grid, without what that excludes; unchanged without gas or with a snapshot."""
-    if "gas" not in scene or scene["initial"]["kind"] == "snapshot":
+    """The scene with its gas on a polar grid, without what that excludes; unchanged without gas."""
+    if "gas" not in scene:
         return scene
     scene["gas"] = {"method": "grid", "particles": s.between(300, 900), "eos": scene["gas"]["eos"]}
     if s.chance(0.5):
         scene["gas"]["grid"] = {"edges": s.pick(("open", "closed"))}
+    if scene["initial"]["kind"] == "snapshot":
+        scene["gas"].setdefault("grid", {}).update(inner=s.between(0.5, 0.8), outer=s.between(1.7, 2.1))
     for table in ("growth", "dust_diffusion"):
         scene.pop(table, None)
     for key in ("frame", "grows", "centre", "accretion_radius"):

@@ -54,6 +54,12 @@ CASES = {
     ),
     "dust diffusion": scene(dust_diffusion={"alpha": 0.01}, **TSC),
     "radiation pressure": scene(radiation_pressure={"beta": 0.2}, **TSC),
+    "polar grid": scene(
+        gas={"method": "grid", "particles": 600, "eos": ADIABATIC},
+        alpha_viscosity={"alpha": 0.05},
+        companion=[PLANET | {"orbit": "live", "eccentricity": 0.2}],
+        **TSC,
+    ),
     "live companion": scene(companion=[PLANET | {"orbit": "live", "eccentricity": 0.2}], **TSC),
     "inertial frame": scene(
         star=INERTIAL,

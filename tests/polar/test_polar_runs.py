@@ -7,7 +7,7 @@ from scenes import changed, problems
 
 from discsim import SceneError, Simulation, load_scene
 from discsim.exact import nsh, spreading_ring
-from discsim.initial.polar import FLOOR
+from discsim.formulas.polar import FLOOR
 from discsim.physics.polar import polar_shape
 from discsim.preview.check import report
 from discsim.preview.warnings import warnings
