@@ -65,8 +65,6 @@ def _collect_overrides(settings: Sequence[str] | None, **run_keys: object) -> li
 
 def _run_on_mpi(scene: Scene, directory: Path, resume: bool, quiet: bool) -> int:
     """Run the scene on MPI ranks, and return the exit status of the process."""
-    if scene.model.polar:
-        fail('gas.method = "grid" does not run on several MPI ranks; start one process, with run.threads')
     try:
         import mpi4py  # noqa: F401
     except ImportError:

@@ -20,6 +20,7 @@ import numpy as np
 from discsim.drag.published.fixed_grid import OF_SPH
 from discsim.effects import alpha_viscosity, base, dust, gas
 from discsim.initial import balance, start_of
+from discsim.numerics import world
 from discsim.numerics.state import State
 from discsim.numerics.threads import parallel_for
 from discsim.parts import EOS, SCHEMES, Lazy
@@ -142,7 +143,12 @@ class Gas(gas.Effect):
         # s of the pressure at the sides: (gamma + 1) / 4, or 1/2 for isothermal gas.
         self.gamma = float(getattr(eos, "gamma", 1.0))
         self.stiff = 0.25 * (self.gamma + 1.0)
-        particles = state.gas
+        if _has_cells(state):
+            self._place(state)
+
+    def _place(self, state: State) -> None:
+        """Put the cells at their centroids, and set their smoothing lengths. Raises ValueError for other particles."""
+        scene, particles = self.scene, state.gas
         if particles.pos.shape != self.cells.pos.shape:
             wrong = f"the gas has {particles.count} cells, but the polar grid has {len(self.cells.pos)}"
             raise ValueError(f"{wrong}; take positions from discsim.numerics.polar.PolarCells")
@@ -184,7 +190,7 @@ class Gas(gas.Effect):
     def begin(self, state: State, effects: Mapping[str, base.Effect]) -> None:
         """Balance the rotation with the pressure force of the cells, in place of that of the initial profile."""
         scene, p, r = self.scene, state.gas, self.cells.geometry.radius
-        if scene.initial is None or start_of(scene).radial is None:
+        if scene.initial is None or start_of(scene).radial is None or not _has_cells(state):
             return
         disc, pull = profile.radial(scene), balance.Equilibrium(state, dict(effects)).gravity(r)
         with np.errstate(all="ignore"):
@@ -287,13 +293,19 @@ class Gas(gas.Effect):
     def drift(self, state: State, dt: float) -> None:
         """Move the gas between the cells, and record what leaves the edges in the ledger."""
         p, ledger = state.gas, state.ledger
-        lost = self.cells.move(
-            p.mass, p.vel, p.pressure, p.u, self.gamma, dt, radial_first=(state.step + state.earlier) % 2 == 0
-        ).sum(axis=0)
+        radial_first = (state.step + state.earlier) % 2 == 0
+        lost = self.cells.move(p.mass, p.vel, p.pressure, p.u, self.gamma, dt, radial_first)
+        # An edge belongs to one process, and the others add 0.
+        lost = world.processes.sum(lost).sum(axis=0)
         if lost.any():
             ledger.accreted_gas += float(lost[0])
             ledger.accreted_momentum += lost[1:3]
             ledger.accreted_angular_momentum += float(lost[3])
+
+
+def _has_cells(state: State) -> bool:
+    """Return whether the gas is that of the scene, and not zeros, as at the start of a process without particles."""
+    return bool(state.gas.mass.any())
 
 
 def _resolution_warnings(scene: Scene, at: base.GasSamples) -> Iterator[str]:
@@ -335,6 +347,8 @@ class Viscosity(alpha_viscosity.Effect):
 
     def limit(self, view: base.View) -> dict[str, base.Limit]:
         p = view.gas
+        if p.count == 0:
+            return {}
         with np.errstate(divide="ignore"):
             step = float((VISCOUS_STEP * cell_areas(view.scene, p) / p.nu).min())
         return {"gas": base.Limit(step, UNSTABLE * step)}

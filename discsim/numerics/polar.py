@@ -2,12 +2,16 @@
 
 Rings are even in ln r, and cells are nearly square. A cell takes the place of a particle: its position is the centroid,
 its velocity that of the gas. Arrays of the gas have the cells of the innermost ring first.
+
+Work arrays of kernels have all rings. With several processes they have the own rings of the process and ghost rings,
+copies of the next rings of other processes (`ranks/polar.py`).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -25,12 +29,12 @@ CHUNK = 4096  # smallest number of cells in a chunk of a parallel loop
 class PolarCells:
     """Polar cells between two radii, with the work arrays of their kernels.
 
-    rings, angles: numbers of rings and of cells in a ring. geometry: for kernels. pos (n, 2), area (n,): centroids and
-    areas of the cells. azimuth (angles,): of the centroids of a ring.
+    rings, angles: numbers of rings in work arrays and of cells in a ring. own: the rings of this process among them, a
+    slice. geometry: for kernels. azimuth (angles,): of the centroids of a ring.
     """
 
     def __init__(self, rings: int, angles: int, inner: float, outer: float, closed: bool) -> None:
-        self.rings, self.angles = rings, angles
+        self.angles = angles
         sides = ring_sides(rings, inner, outer, GHOSTS)
         volume = 0.5 * (sides[1:] - sides[:-1]) * (sides[1:] + sides[:-1])
         angle = 2.0 * math.pi / angles
@@ -39,32 +43,78 @@ class PolarCells:
         # Centroid (r_o^3 - r_i^3) / (3 volume), without a difference of cubes.
         low, high = sides[:-1], sides[1:]
         radius = (high - low) * (high * high + high * low + low * low) / (3.0 * volume)
-        self.geometry = Geometry(
+        geometry = Geometry(
             sides[GHOSTS : rings + GHOSTS + 1].copy(), radius[own].copy(), volume[own].copy(), angle,
             side_coefficients(volume), np.cos(self.azimuth), np.sin(self.azimuth), closed,
         )  # fmt: skip
-        self.area = np.repeat(self.geometry.volume * angle, angles)
-        self.pos = np.empty((rings * angles, 2))
-        self.pos[:, 0] = np.outer(self.geometry.radius, self.geometry.cos).ravel()
-        self.pos[:, 1] = np.outer(self.geometry.radius, self.geometry.sin).ravel()
+        self.set_rings(geometry, slice(0, rings))
+
+    def set_rings(self, geometry: Geometry, own: slice) -> None:
+        """Set the rings in work arrays, whose geometry is `geometry`, and the own rings among them."""
+        self.geometry, self.own, self.rings = geometry, own, len(geometry.radius)
+        for name in ("area", "pos"):
+            self.__dict__.pop(name, None)
         self.fields, self.new = np.empty((2, 0, 0, 0))
-        self.padded = np.empty((2, rings + 2 * GHOSTS, angles))
-        self.swept = np.empty((rings + 1, angles))
-        self.around, self.mean = np.empty((rings, angles)), np.empty(rings)
+        self.padded = np.empty((2, self.rings + 2 * GHOSTS, self.angles))
+        self.swept = np.empty((self.rings + 1, self.angles))
+        self.around, self.mean = np.empty((self.rings, self.angles)), np.empty(self.rings)
 
     @property
     def shape(self) -> tuple[int, int]:
-        return self.rings, self.angles
+        """Numbers of own rings and of cells in a ring."""
+        return self.own.stop - self.own.start, self.angles
 
-    def for_rings(self, kernel: Callable[..., Any], *arguments: Any) -> list[Any]:
-        """Run `kernel(first, last, *arguments)` on chunks of the rings; return the results, in the order of chunks."""
-        return parallel_for(kernel, self.rings, *arguments, least=max(1, CHUNK // self.angles))
+    @property
+    def _chunk(self) -> int:
+        """Smallest number of rings in a chunk of a parallel loop."""
+        return max(1, CHUNK // self.angles)
+
+    @cached_property
+    def area(self) -> Array:
+        """Areas (n,) of the own cells."""
+        return np.repeat(self.geometry.volume[self.own] * self.geometry.angle, self.angles)
+
+    @cached_property
+    def pos(self) -> Array:
+        """Centroids (n, 2) of the own cells."""
+        radius, pos = self.geometry.radius[self.own], np.empty((*self.shape, 2))
+        pos[..., 0] = np.outer(radius, self.geometry.cos)
+        pos[..., 1] = np.outer(radius, self.geometry.sin)
+        return pos.reshape(-1, 2)
+
+    def for_rings(self, kernel: Callable[..., Any], *arguments: Any, more: int = 0) -> list[Any]:
+        """Run `kernel(first, last, *arguments)` on chunks of the own rings; return the results, in the order of chunks.
+
+        more: number of ghost rings on both sides on which the kernel runs too.
+        """
+        begin, end = max(self.own.start - more, 0), min(self.own.stop + more, self.rings)
+
+        def run(first: int, last: int, *given: Any) -> Any:
+            return kernel(begin + first, begin + last, *given)
+
+        if self.own.start == self.own.stop:
+            return []
+        return parallel_for(run, end - begin, *arguments, least=self._chunk)
+
+    def with_empty_ghosts(self, array: Array, number: int = 0) -> Array:
+        """Return `array` (n, ...) of the own cells as (rings, angles, ...), with uninitialised ghost rings.
+
+        number: arrays of the same width that are in use at the same time have different numbers.
+        """
+        return array.reshape(*self.shape, *array.shape[1:])
+
+    def set_own(self, array: Array, with_ghosts: Array) -> None:
+        """Set `array` (n, ...) of the own cells to the result of `with_empty_ghosts`, which has changed."""
+
+    def update_ghosts(self, arrays: list[Array]) -> None:
+        """Fetch the ghost rings of `arrays`, (rings, ...) each, from other processes, in place. Collective."""
 
     def find_velocities(self, vel: Array, kick_acc: Array, lag: float) -> None:
         """Store the polar velocities of the cells after `lag`: vel, kick_acc (n, 2)."""
-        grid = (*self.shape, 2)
-        arrays = vel.reshape(grid), kick_acc.reshape(grid), lag
-        self.for_rings(forces.to_polar, *arrays, self.geometry, self.padded[1], self.around, self.mean)
+        grid, begin = (*self.shape, 2), self.own.start
+        given = vel.reshape(grid), kick_acc.reshape(grid), lag
+        out = self.padded[1][begin:], self.around[begin:], self.mean[begin:]
+        parallel_for(forces.to_polar, grid[0], *given, self.geometry, *out, least=self._chunk)
 
     def accelerate(
         self, density: Array, pressure: Array, sound: Array, stiff: float, acc: Array, heating: Array | None
@@ -74,14 +124,23 @@ class PolarCells:
         density, pressure, sound (n,). stiff: s of eq. (1) of the forces. heating (n,): set to the heating rate, if
         given. Velocities are those of the last `find_velocities`.
         """
-        own, grid = slice(GHOSTS, GHOSTS + self.rings), self.shape
-        self.padded[0, own] = pressure.reshape(grid)
+        fields = [self.padded[k, GHOSTS:-GHOSTS] for k in range(2)]
+        fields[0][self.own] = pressure.reshape(self.shape)
+        rho, speed = self.with_empty_ghosts(density, 0), self.with_empty_ghosts(sound, 1)
+        self.update_ghosts([*fields, self.mean, rho, speed])
         fill_force_ghosts(self.padded[0], self.padded[1], self.geometry.closed)
-        heat = np.empty((0, 0)) if heating is None else heating.reshape(grid)
-        arrays = self.padded[0], self.padded[1], self.around, self.mean, density.reshape(grid), sound.reshape(grid)
-        rates = self.for_rings(forces.accelerate, *arrays, stiff, self.geometry, acc.reshape(*grid, 2), heat)
-        fastest = float(np.max(rates))
+        total, heat = self.with_empty_ghosts(acc), self._with_heat(heating, 2)
+        arrays = self.padded[0], self.padded[1], self.around, self.mean, rho, speed
+        rates = self.for_rings(forces.accelerate, *arrays, stiff, self.geometry, total, heat)
+        self.set_own(acc, total)
+        if heating is not None:
+            self.set_own(heating, heat)
+        fastest = float(np.max(rates, initial=0.0))
         return 1.0 / fastest if fastest != 0.0 else math.inf
+
+    def _with_heat(self, heating: Array | None, number: int) -> Array:
+        """Return the heating rate or the energy as an argument of kernels: `with_empty_ghosts`; empty if it is None."""
+        return np.empty((0, 0)) if heating is None else self.with_empty_ghosts(heating, number)
 
     def add_viscosity(self, density: Array, nu: Array, acc: Array, heating: Array | None) -> None:
         """Add the viscous acceleration to `acc` (n, 2), and the viscous heat to `heating` (n,) if it is given.
@@ -89,10 +148,13 @@ class PolarCells:
         density, nu (n,): surface density and viscosity. Velocities are those of the last `find_velocities`, with the
         ghosts of the last `accelerate`.
         """
-        grid = self.shape
-        heat = np.empty((0, 0)) if heating is None else heating.reshape(grid)
-        arrays = self.padded[1], self.around, (density * nu).reshape(grid), density.reshape(grid)
-        self.for_rings(viscosity.accelerate, *arrays, self.geometry, acc.reshape(*grid, 2), heat)
+        mu, rho = self.with_empty_ghosts(density * nu, 1), self.with_empty_ghosts(density, 0)
+        self.update_ghosts([self.around, mu])
+        total, heat = self.with_empty_ghosts(acc), self._with_heat(heating, 2)
+        self.for_rings(viscosity.accelerate, self.padded[1], self.around, mu, rho, self.geometry, total, heat)
+        self.set_own(acc, total)
+        if heating is not None:
+            self.set_own(heating, heat)
 
     def move(
         self, mass: Array, vel: Array, pressure: Array, u: Array | None, gamma: float, dt: float, radial_first: bool
@@ -100,23 +162,29 @@ class PolarCells:
         """Move the gas over dt; mass (n,), vel (n, 2) and u (n,) change in place.
 
         pressure (n,): at the beginning. gamma: adiabatic index. radial_first: whether the radial sweep comes first.
-        Returns mass, momentum along x and y, and angular momentum that left the inner and the outer edge (2, 4).
+        Returns mass, momentum along x and y, and angular momentum that left the inner and the outer edge (2, 4), as far
+        as they are edges of own rings.
         """
-        grid, g = self.shape, self.geometry
+        g = self.geometry
         count = ENERGY + (u is not None)
         if len(self.fields) != count:
             self.fields, self.new = np.empty((2, count, self.rings + 2 * GHOSTS, self.angles))
-        energy = np.empty((0, 0)) if u is None else u.reshape(grid)
-        polar = mass.reshape(grid), vel.reshape(*grid, 2)
-        self.for_rings(transport.unpack, *polar, pressure.reshape(grid), energy, dt, g, self.fields)
-        lost = np.empty(0)
+        polar, energy = (self.with_empty_ghosts(mass, 0), self.with_empty_ghosts(vel)), self._with_heat(u, 2)
+        self.for_rings(transport.unpack, *polar, self.with_empty_ghosts(pressure, 1), energy, dt, g, self.fields)
+        lost = np.zeros((2, 4))
         for radial in (radial_first, not radial_first):
             if radial:
+                self.update_ghosts([field[GHOSTS:-GHOSTS] for field in self.fields])
                 fill_ghosts(self.fields, g.closed)
-                self.for_rings(transport.find_swept, self.fields, gamma, dt, g, self.swept)
-                lost = sum(self.for_rings(transport.sweep_radially, self.fields, self.swept, g, self.new))
+                # The flux through a side depends on what is swept through the next sides too.
+                self.for_rings(transport.find_swept, self.fields, gamma, dt, g, self.swept, more=2)
+                lost = sum(self.for_rings(transport.sweep_radially, self.fields, self.swept, g, self.new), lost)
             else:
                 self.for_rings(transport.sweep_around, self.fields, gamma, dt, g, self.new)
             self.fields, self.new = self.new, self.fields
         self.for_rings(transport.pack, self.fields, dt, g, *polar, energy)
+        for array, moved in zip((mass, vel), polar, strict=True):
+            self.set_own(array, moved)
+        if u is not None:
+            self.set_own(u, energy)
         return lost

@@ -45,10 +45,12 @@ class Division:
     distance used by `rows_near_border`.
     """
 
+    tiles_per_side = TILES_PER_SIDE
+
     def __init__(self, scene: Scene, comm: Comm) -> None:
         self.comm, self.scene, dim = comm, scene, scene.space.dimensions
         size = np.array(scene.space.size)
-        bits = int(np.ceil(np.log2(TILES_PER_SIDE * comm.size ** (1.0 / dim))))
+        bits = int(np.ceil(np.log2(self.tiles_per_side * comm.size ** (1.0 / dim))))
         self.along = 1 << bits
         self.low = -0.5 * size.max() * np.ones(dim) if scene.centred else np.zeros(dim)
         self.tiles_per_length = self.along / size.max()
@@ -69,6 +71,14 @@ class Division:
         out = np.empty(len(pos), np.int64)
         parallel_for(tiles_of, len(pos), pos, self.tile_grid, out)
         return out
+
+    def owner_of(self, name: str, particles: Particles, rows: Any = slice(None)) -> Array:
+        """Return the rank (m,) that owns each of some particles of the species `name`; rows: their rows."""
+        return self.owner[self.tile_of(particles.pos[rows])]
+
+    def leaving_rows(self, name: str, particles: Particles, bounds: Array) -> Array:
+        """Return the rows of particles of the species `name` that other ranks own; bounds: as in `rows_in_tiles`."""
+        return self.rows_in_tiles(particles.pos, self.owner != self.comm.rank, bounds)
 
     def rows_in_tiles(self, pos: Array, mask: Array, bounds: Array) -> Array:
         """Return the rows of positions (n, d) that lie in the tiles of `mask` (tiles,).
@@ -144,7 +154,7 @@ class Division:
         for name, p in state.species.items():
             before = self.comm.mpi.exscan(p.count) or 0
             p.global_index = np.arange(before, before + p.count, dtype=np.uint64)
-            owner = self.owner[self.tile_of(p.pos)]
+            owner = self.owner_of(name, p)
             route = Route(self.comm, group_by_rank(np.arange(p.count), owner, self.comm.size))
             order = np.argsort(route.send(p.global_index))
             p.spare = int(spare * len(order))
@@ -157,11 +167,11 @@ class Division:
     def migrate(self, species: dict[str, Particles]) -> None:
         """Send particles that have left the tiles of this rank to their new owners. Collective."""
         self.drop_bounds()
-        for particles in species.values():
+        for name, particles in species.items():
             bounds = bounds_of(particles.pos)
-            leaving = self.rows_in_tiles(particles.pos, self.owner != self.comm.rank, bounds)
+            leaving = self.leaving_rows(name, particles, bounds)
             if self.comm.allreduce(len(leaving), MPI.MAX):
-                owner = self.owner[self.tile_of(particles.pos[leaving])]
+                owner = self.owner_of(name, particles, leaving)
                 route = Route(self.comm, group_by_rank(leaving, owner, self.comm.size))
                 arrays, known = particles.arrays(), len(particles.unsorted_rows)
                 particles.replace(leaving, dict(zip(arrays, route.send_all([*arrays.values()]), strict=True)))

@@ -24,7 +24,7 @@ from discsim.run.simulation import Simulation
 from discsim.run.start import InitialState, begin
 from discsim.scene import Scene
 
-gravity = Lazy("discsim.ranks.gravity")
+gravity, polar = Lazy("discsim.ranks.gravity"), Lazy("discsim.ranks.polar")
 PARTICLE_TYPES: dict[str, Any] = {"gas": Gas, "dust": Dust}
 # Fields of a state that are the same on all ranks.
 SHARED_FIELDS = ("time", "step", "earlier", "velocity_lag", "ledger", "subcycle_clock", "bodies")
@@ -95,7 +95,10 @@ def divide(sim: Simulation, comm: Comm) -> ParallelComm:
     ranks.distribute(sim.state)
     effects: Any = sim.effects
     if sim.scene.gas is not None and not sim.scene.model.cells:
-        effects["gas"].sph = DividedSph(sim.scene, comm)
+        if sim.scene.model.polar:
+            effects["gas"].cells = polar.DividedCells(effects["gas"].cells, ranks.division)
+        else:
+            effects["gas"].sph = DividedSph(sim.scene, comm)
         if sim.scene.drag is not None:
             drag = effects["drag"]
             drag.engine = DividedDrag(sim.scene, drag.engine.star, ranks.division)

@@ -10,6 +10,7 @@ from mpi4py import MPI
 
 from discsim.effects.base import is_sort_step
 from discsim.numerics.world import NeededCells
+from discsim.parts import Lazy
 from discsim.ranks.comm import Comm
 from discsim.ranks.division import PARTICLE_COST, Division
 from discsim.ranks.exchange import (
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from discsim.numerics.state import Particles, State
     from discsim.scene import Scene
 
+polar = Lazy("discsim.ranks.polar")
 Array = np.ndarray
 
 
@@ -37,7 +39,8 @@ class ParallelComm:
     is_parallel = True
 
     def __init__(self, scene: Scene, comm: Comm) -> None:
-        self.comm, self.division = comm, Division(scene, comm)
+        self.comm = comm
+        self.division = polar.RingDivision(scene, comm) if scene.model.polar else Division(scene, comm)
         self.balance = 1.0  # the cost of the most loaded rank over the mean
         self.drop_functions: list[Callable[[], None]] = [self.division.drop_bounds]
 

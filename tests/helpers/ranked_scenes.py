@@ -116,6 +116,11 @@ def setup(path, steps=3):
     return (lambda: path), few, steps, float("inf")
 
 
+def rings(steps=3, **changes):
+    """Gas on a polar grid, with dust; about 30 rings."""
+    return (lambda: changed(RINGS, changes)), [], steps, MOST
+
+
 def line(kind="wave", boundary="periodic", steps=3, gas=ISOTHERMAL, **tables):
     """In one dimension."""
     scene = {
@@ -163,6 +168,21 @@ EVERYTHING = {
     "damping": {"inner": [0.6, 0.8]},
     "growth": {"fragmentation_speed": 0.1, "alpha": 1e-3, "small_size": 1e-6, "small_ratio": 0.05},
 }  # fmt: skip
+
+RINGS = """
+units.system = "code"
+run.until = 10.0
+space = {size = 6.0, cells = 64}
+initial = {kind = "disc", surface_density = 1e-2, inner = 0.5, outer = 2.0, surface_density_index = 0.7}
+star.mass = 1.3
+gas = {method = "grid", particles = 4000, eos = {kind = "locally-isothermal", aspect_ratio = 0.07}}
+dust = {particles = 2000, ratio = 0.3}
+drag = {law = "stokes-number", stokes = 0.1}
+"""
+# Gas that loses mass at the edges of its disc.
+LOSING = {"gas": {"grid": {"inner": 0.55, "outer": 1.9, "edges": "open"}}}
+CLOSED_AND_WARM = {"eos": ADIABATIC | {"aspect_ratio": 0.07}, "grid": {"edges": "closed"}}
+PLANET = {"mass": 3e-3, "semi_major_axis": 1.1, "softening": 0.05, "orbit": "live"}
 
 SCENES = {
     # Of 18 steps two sort, and cut space anew where that is due.
@@ -277,6 +297,27 @@ SCENES = {
     "shock": (lambda: tomllib.loads(SHOCK), [], 3, MOST),
     "steady": disc(3, initial={"kind": "steady", "surface_density": 0.01, "mass": None}, **VISCOUS),
     "viscous-ring": disc(3, initial={"kind": "viscous-ring", "radius": 1.0, "inner": None, "outer": None}, **VISCOUS),
+    "rings": rings(
+        6,
+        gas=CLOSED_AND_WARM,
+        companion=[PLANET],
+        self_gravity={"softening": 0.05},
+        cooling={"kind": "beta", "beta": 7.0},
+        damping={"inner": [0.5, 0.6], "outer": [1.7, 2.0]},
+        **VISCOUS,
+    ),
+    "rings losing": rings(18, **LOSING),
+    "rings losing heat": rings(5, gas=CLOSED_AND_WARM | LOSING["gas"], drag={"direction": "one-way"}),
+    "rings alone": rings(5, dust=None, drag=None, **VISCOUS),
+    "rings idic": rings(3, drag={"scheme": "idic"}),
+    "rings linear": rings(3, drag={"scheme": "idic-linear", "direction": "one-way"}),
+    "rings thin disc": rings(3, self_gravity={"kernel": "thin-disc", "thickness": 0.1}),
+    # Fewer rings than a rank has ghosts.
+    "few rings": rings(4, gas={"particles": 300, "grid": {"rings": 7}}, self_gravity={"softening": 0.1}),
+    # Dust that flies away: other ranks get the rings.
+    "rings that move": rings(
+        34, dust={"particles": 9000}, drag=None, external={"gas": [0.0, 0.0], "dust": [3.0, 0.0]}, **VISCOUS
+    ),
 }
 # Of those above, and below, one for each thing that ranks ask or fetch of each other.
 FEW_SCENES = (
@@ -285,6 +326,7 @@ FEW_SCENES = (
     "heat paid around", "constant sparse", "sizes", "growth of all", "growth of many", "growth in a patch",
     "diffusion in clumps", "diffusion eaten", "diffusion in a box", "everything", "clumps", "one tile", "mk heat",
     "esph two-way 1D", "emsi-ppm shock", "setup dead_zone_oneway",
+    "rings", "rings losing", "few rings", "rings that move",
 )  # fmt: skip
 for scheme in OF_PARTICLES:
     for way in BOTH:
@@ -299,5 +341,4 @@ for scheme in ON_GRID:
     SCENES[f"{scheme} shock"] = line(
         "shock", "open", drag={"law": "constant", "K": 5.0, "scheme": scheme}, gas=ADIABATIC, steps=4
     )
-# Gas on a polar grid runs on one rank.
-SCENES |= {f"setup {path.stem}": setup(path) for path in SETUPS if not load_scene(path).model.polar}
+SCENES |= {f"setup {path.stem}": setup(path) for path in SETUPS}
