@@ -316,7 +316,7 @@ SCENES = {
     "few rings": rings(4, gas={"particles": 300, "grid": {"rings": 7}}, self_gravity={"softening": 0.1}),
     # Dust that flies away: other ranks get the rings.
     "rings that move": rings(
-        34, dust={"particles": 9000}, drag=None, external={"gas": [0.0, 0.0], "dust": [3.0, 0.0]}, **VISCOUS
+        34, dust={"particles": 9000}, drag=None, external={"gas": [0.0, 0.0], "dust": [20.0, 0.0]}, **VISCOUS
     ),
 }
 # Of those above, and below, one for each thing that ranks ask or fetch of each other.
