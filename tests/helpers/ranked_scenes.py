@@ -316,7 +316,12 @@ SCENES = {
     "few rings": rings(4, gas={"particles": 300, "grid": {"rings": 7}}, self_gravity={"softening": 0.1}),
     # Dust that flies away: other ranks get the rings.
     "rings that move": rings(
-        34, dust={"particles": 9000}, drag=None, external={"gas": [0.0, 0.0], "dust": [20.0, 0.0]}, **VISCOUS
+        18,
+        dust={"particles": 9000},
+        radiation_pressure={"beta": 2.0},
+        initial={"dust_velocity": "drift"},
+        drag={"stokes": 1.0},
+        **VISCOUS,
     ),
 }
 # Of those above, and below, one for each thing that ranks ask or fetch of each other.
