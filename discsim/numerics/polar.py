@@ -29,8 +29,8 @@ CHUNK = 4096  # smallest number of cells in a chunk of a parallel loop
 class PolarCells:
     """Polar cells between two radii, with the work arrays of their kernels.
 
-    rings, angles: numbers of rings in work arrays and of cells in a ring. own: the rings of this process among them, a
-    slice. geometry: for kernels. azimuth (angles,): of the centroids of a ring.
+    rings, angles: numbers of rings in work arrays and of cells in a ring. own: the own rings among them, a slice.
+    geometry: for kernels. azimuth (angles,): of the centroids of a ring.
     """
 
     def __init__(self, rings: int, angles: int, inner: float, outer: float, closed: bool) -> None:
@@ -45,13 +45,14 @@ class PolarCells:
         radius = (high - low) * (high * high + high * low + low * low) / (3.0 * volume)
         geometry = Geometry(
             sides[GHOSTS : rings + GHOSTS + 1].copy(), radius[own].copy(), volume[own].copy(), angle,
-            side_coefficients(volume), np.cos(self.azimuth), np.sin(self.azimuth), closed,
+            side_coefficients(volume), np.cos(self.azimuth), np.sin(self.azimuth), closed, 0,
         )  # fmt: skip
-        self.set_rings(geometry, slice(0, rings))
+        self.set_rings(geometry, rings)
 
-    def set_rings(self, geometry: Geometry, own: slice) -> None:
-        """Set the rings in work arrays, whose geometry is `geometry`, and the own rings among them."""
-        self.geometry, self.own, self.rings = geometry, own, len(geometry.radius)
+    def set_rings(self, geometry: Geometry, own: int) -> None:
+        """Set the rings in work arrays, whose geometry is `geometry`; own: number of own rings."""
+        self.geometry, self.rings = geometry, len(geometry.radius)
+        self.own = slice(geometry.first, geometry.first + own)
         for name in ("area", "pos"):
             self.__dict__.pop(name, None)
         self.fields, self.new = np.empty((2, 0, 0, 0))
@@ -63,11 +64,6 @@ class PolarCells:
     def shape(self) -> tuple[int, int]:
         """Numbers of own rings and of cells in a ring."""
         return self.own.stop - self.own.start, self.angles
-
-    @property
-    def _chunk(self) -> int:
-        """Smallest number of rings in a chunk of a parallel loop."""
-        return max(1, CHUNK // self.angles)
 
     @cached_property
     def area(self) -> Array:
@@ -94,27 +90,23 @@ class PolarCells:
 
         if self.own.start == self.own.stop:
             return []
-        return parallel_for(run, end - begin, *arguments, least=self._chunk)
+        return parallel_for(run, end - begin, *arguments, least=max(1, CHUNK // self.angles))
 
-    def with_empty_ghosts(self, array: Array, number: int = 0) -> Array:
-        """Return `array` (n, ...) of the own cells as (rings, angles, ...), with uninitialised ghost rings.
+    def with_empty_ghosts(self, array: Array, number: int) -> Array:
+        """Return `array` (n,) of the own cells as (rings, angles), with uninitialised ghost rings.
 
-        number: arrays of the same width that are in use at the same time have different numbers.
+        number: results that are in use at the same time have different numbers.
         """
-        return array.reshape(*self.shape, *array.shape[1:])
-
-    def set_own(self, array: Array, with_ghosts: Array) -> None:
-        """Set `array` (n, ...) of the own cells to the result of `with_empty_ghosts`, which has changed."""
+        return array.reshape(self.shape)
 
     def update_ghosts(self, arrays: list[Array]) -> None:
         """Fetch the ghost rings of `arrays`, (rings, ...) each, from other processes, in place. Collective."""
 
     def find_velocities(self, vel: Array, kick_acc: Array, lag: float) -> None:
         """Store the polar velocities of the cells after `lag`: vel, kick_acc (n, 2)."""
-        grid, begin = (*self.shape, 2), self.own.start
-        given = vel.reshape(grid), kick_acc.reshape(grid), lag
-        out = self.padded[1][begin:], self.around[begin:], self.mean[begin:]
-        parallel_for(forces.to_polar, grid[0], *given, self.geometry, *out, least=self._chunk)
+        grid = (*self.shape, 2)
+        arrays = vel.reshape(grid), kick_acc.reshape(grid), lag
+        self.for_rings(forces.to_polar, *arrays, self.geometry, self.padded[1], self.around, self.mean)
 
     def accelerate(
         self, density: Array, pressure: Array, sound: Array, stiff: float, acc: Array, heating: Array | None
@@ -124,23 +116,16 @@ class PolarCells:
         density, pressure, sound (n,). stiff: s of eq. (1) of the forces. heating (n,): set to the heating rate, if
         given. Velocities are those of the last `find_velocities`.
         """
-        fields = [self.padded[k, GHOSTS:-GHOSTS] for k in range(2)]
-        fields[0][self.own] = pressure.reshape(self.shape)
+        grid, fields = self.shape, [self.padded[k, GHOSTS:-GHOSTS] for k in range(2)]
+        fields[0][self.own] = pressure.reshape(grid)
         rho, speed = self.with_empty_ghosts(density, 0), self.with_empty_ghosts(sound, 1)
         self.update_ghosts([*fields, self.mean, rho, speed])
         fill_force_ghosts(self.padded[0], self.padded[1], self.geometry.closed)
-        total, heat = self.with_empty_ghosts(acc), self._with_heat(heating, 2)
+        heat = np.empty((0, 0)) if heating is None else heating.reshape(grid)
         arrays = self.padded[0], self.padded[1], self.around, self.mean, rho, speed
-        rates = self.for_rings(forces.accelerate, *arrays, stiff, self.geometry, total, heat)
-        self.set_own(acc, total)
-        if heating is not None:
-            self.set_own(heating, heat)
+        rates = self.for_rings(forces.accelerate, *arrays, stiff, self.geometry, acc.reshape(*grid, 2), heat)
         fastest = float(np.max(rates, initial=0.0))
         return 1.0 / fastest if fastest != 0.0 else math.inf
-
-    def _with_heat(self, heating: Array | None, number: int) -> Array:
-        """Return the heating rate or the energy as an argument of kernels: `with_empty_ghosts`; empty if it is None."""
-        return np.empty((0, 0)) if heating is None else self.with_empty_ghosts(heating, number)
 
     def add_viscosity(self, density: Array, nu: Array, acc: Array, heating: Array | None) -> None:
         """Add the viscous acceleration to `acc` (n, 2), and the viscous heat to `heating` (n,) if it is given.
@@ -148,13 +133,11 @@ class PolarCells:
         density, nu (n,): surface density and viscosity. Velocities are those of the last `find_velocities`, with the
         ghosts of the last `accelerate`.
         """
-        mu, rho = self.with_empty_ghosts(density * nu, 1), self.with_empty_ghosts(density, 0)
+        grid, mu = self.shape, self.with_empty_ghosts(density * nu, 0)
         self.update_ghosts([self.around, mu])
-        total, heat = self.with_empty_ghosts(acc), self._with_heat(heating, 2)
-        self.for_rings(viscosity.accelerate, self.padded[1], self.around, mu, rho, self.geometry, total, heat)
-        self.set_own(acc, total)
-        if heating is not None:
-            self.set_own(heating, heat)
+        heat = np.empty((0, 0)) if heating is None else heating.reshape(grid)
+        arrays = self.padded[1], self.around, mu, density.reshape(grid)
+        self.for_rings(viscosity.accelerate, *arrays, self.geometry, acc.reshape(*grid, 2), heat)
 
     def move(
         self, mass: Array, vel: Array, pressure: Array, u: Array | None, gamma: float, dt: float, radial_first: bool
@@ -165,12 +148,13 @@ class PolarCells:
         Returns mass, momentum along x and y, and angular momentum that left the inner and the outer edge (2, 4), as far
         as they are edges of own rings.
         """
-        g = self.geometry
+        grid, g = self.shape, self.geometry
         count = ENERGY + (u is not None)
         if len(self.fields) != count:
             self.fields, self.new = np.empty((2, count, self.rings + 2 * GHOSTS, self.angles))
-        polar, energy = (self.with_empty_ghosts(mass, 0), self.with_empty_ghosts(vel)), self._with_heat(u, 2)
-        self.for_rings(transport.unpack, *polar, self.with_empty_ghosts(pressure, 1), energy, dt, g, self.fields)
+        energy = np.empty((0, 0)) if u is None else u.reshape(grid)
+        polar = mass.reshape(grid), vel.reshape(*grid, 2)
+        self.for_rings(transport.unpack, *polar, pressure.reshape(grid), energy, dt, g, self.fields)
         lost = np.zeros((2, 4))
         for radial in (radial_first, not radial_first):
             if radial:
@@ -183,8 +167,4 @@ class PolarCells:
                 self.for_rings(transport.sweep_around, self.fields, gamma, dt, g, self.new)
             self.fields, self.new = self.new, self.fields
         self.for_rings(transport.pack, self.fields, dt, g, *polar, energy)
-        for array, moved in zip((mass, vel), polar, strict=True):
-            self.set_own(array, moved)
-        if u is not None:
-            self.set_own(u, energy)
         return lost

@@ -46,6 +46,7 @@ class Division:
     """
 
     tiles_per_side = TILES_PER_SIDE
+    particle_cost = PARTICLE_COST
 
     def __init__(self, scene: Scene, comm: Comm) -> None:
         self.comm, self.scene, dim = comm, scene, scene.space.dimensions
@@ -121,7 +122,7 @@ class Division:
         """Divide the tiles among ranks again if costs are unequal; return whether any owner has changed. Collective."""
         cost = np.zeros(len(self.owner))
         for name, p in species.items():
-            cost += PARTICLE_COST[name] * np.bincount(self.tile_of(p.pos), minlength=len(cost))
+            cost += self.particle_cost[name] * np.bincount(self.tile_of(p.pos), minlength=len(cost))
         cost = self.comm.allreduce(cost, MPI.SUM)  # whole numbers: an exact sum
         # Nodes of empty tiles cost nothing.
         cost += round(NODE_COST * self._nodes_per_tile(int(cost.sum()))) * (cost > 0.0)

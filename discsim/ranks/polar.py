@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 Array = np.ndarray
 # The flux through a side depends on the parabolas of two rings on both sides, and a parabola on two more rings.
 HALO = 2 + GHOSTS
+CELL_COST = {"gas": 2.0, "dust": 1.0}  # relative cost of a cell and of a grain per step, with drag
 FINER = 4  # number of tiles along a side, over that of other runs
 
 
@@ -41,6 +42,7 @@ class RingDivision(Division):
     """
 
     tiles_per_side = FINER * TILES_PER_SIDE
+    particle_cost = CELL_COST
 
     def __init__(self, scene: Scene, comm: Comm) -> None:
         super().__init__(scene, comm)
@@ -117,26 +119,20 @@ class DividedCells(PolarCells):
         self.set_rings(
             g._replace(
                 sides=g.sides[first : last + 1], radius=g.radius[some], volume=g.volume[some],
-                weights=g.weights[first : last + 2 * GHOSTS],
+                weights=g.weights[first : last + 2 * GHOSTS], first=int(begin[rank]) - first,
             ),
-            slice(int(begin[rank]) - first, int(end[rank]) - first),
+            int(end[rank] - begin[rank]),
         )  # fmt: skip
-        self._buffers: dict[tuple[int, ...], Array] = {}
+        self._with_ghosts = np.empty((2, self.rings, self.angles))  # memory of `with_empty_ghosts`
         elsewhere = np.arange(self.comm.size) != rank
         # Rings that this rank sends to each rank, and ghost rings that it receives from each rank: first ring and end.
         self._sent = _common_rings(low, high, begin[rank], end[rank], elsewhere) - first
         self._received = _common_rings(begin, end, first, last, elsewhere) - first
 
-    def with_empty_ghosts(self, array: Array, number: int = 0) -> Array:
-        key = (number, *array.shape[1:])
-        if key not in self._buffers:
-            self._buffers[key] = np.empty((self.rings, self.angles, *array.shape[1:]))
-        found = self._buffers[key]
-        found[self.own] = super().with_empty_ghosts(array)
-        return found
-
-    def set_own(self, array: Array, with_ghosts: Array) -> None:
-        super().with_empty_ghosts(array)[:] = with_ghosts[self.own]
+    def with_empty_ghosts(self, array: Array, number: int) -> Array:
+        out = self._with_ghosts[number]
+        out[self.own] = array.reshape(self.shape)
+        return out
 
     def update_ghosts(self, arrays: list[Array]) -> None:
         widths = np.array([array[:1].size for array in arrays])

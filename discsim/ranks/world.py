@@ -12,7 +12,7 @@ from discsim.effects.base import is_sort_step
 from discsim.numerics.world import NeededCells
 from discsim.parts import Lazy
 from discsim.ranks.comm import Comm
-from discsim.ranks.division import PARTICLE_COST, Division
+from discsim.ranks.division import Division
 from discsim.ranks.exchange import (
     FetchedGhosts,
     GatheredParticles,
@@ -83,7 +83,7 @@ class ParallelComm:
             self._measure_balance(state)
 
     def _measure_balance(self, state: State) -> None:
-        cost = sum(PARTICLE_COST[name] * p.count for name, p in state.species.items())
+        cost = sum(self.division.particle_cost[name] * p.count for name, p in state.species.items())
         self.balance = self.max(cost) * self.comm.size / max(self.sum(cost), 1.0)
 
     def corners(self, pos: Array, find: Callable[[Array], tuple[Array, Array]]) -> tuple[Array, Array]:

@@ -30,12 +30,13 @@ from discsim.kernels.polar.parabola import sides_along_ring, sides_of_ring
 def to_polar(first, last, vel, kick_acc, lag, geometry, radial, around, mean):
     """Write the radial and the azimuthal velocity of the rings `first` to `last` after the time `lag`.
 
-    vel, kick_acc (rings, angles, 2): velocity and its rate of change. radial (rings + 4, angles), around (rings,
+    vel, kick_acc (own rings, angles, 2): velocity and its rate of change. radial (rings + 4, angles), around (rings,
     angles). mean (rings,): of the azimuthal velocities of a ring.
     """
     for i in range(first, last):
+        k = i - geometry.first
         for j in range(around.shape[1]):
-            x, y = vel[i, j, 0] + lag * kick_acc[i, j, 0], vel[i, j, 1] + lag * kick_acc[i, j, 1]
+            x, y = vel[k, j, 0] + lag * kick_acc[k, j, 0], vel[k, j, 1] + lag * kick_acc[k, j, 1]
             c, s = geometry.cos[j], geometry.sin[j]
             radial[i + GHOSTS, j], around[i, j] = c * x + s * y, c * y - s * x
         mean[i] = around[i].mean()
@@ -85,11 +86,11 @@ def states_between_rings(side, old, now, density, sound, mean, stiff, geometry, 
 
 @jit
 def accelerate(first, last, pressure, radial, around, mean, density, sound, stiff, geometry, acc, heating):
-    """Add the acceleration by pressure, eq. (2), to `acc` (rings, angles, 2), and return the largest rate of a step.
+    """Add the acceleration by pressure, eq. (2), to `acc` (own rings, angles, 2); return the largest rate of a step.
 
     pressure, radial (rings + 4, angles): with ghosts. around, density, sound (rings, angles). mean (rings,): means of
-    `around`. stiff: s of eq. (1). heating (rings, angles): set to the heating rate; (0, 0) for gas without an energy
-    equation. The rate is the inverse of a cell's step limit (`ring_rate`).
+    `around`. stiff: s of eq. (1). heating (own rings, angles): set to the heating rate; (0, 0) for gas without an
+    energy equation. The rate is the inverse of a cell's step limit (`ring_rate`).
     """
     angles = around.shape[1]
     sides, states = np.zeros((2, 4, angles)), np.zeros((2, 2, angles))
@@ -107,7 +108,7 @@ def accelerate(first, last, pressure, radial, around, mean, density, sound, stif
         states_between_rings(side, sides[old], sides[now], density, sound, mean, stiff, geometry, states[now])
         if side == first:
             continue
-        i = side - 1
+        i, own = side - 1, side - 1 - geometry.first
         least = least_sound(i, mean, geometry)
         pad_row(pressure[i + GHOSTS], 0.0, padded[0])
         pad_row(around[i], 0.0, padded[1])
@@ -129,13 +130,13 @@ def accelerate(first, last, pressure, radial, around, mean, density, sound, stif
             p_in, u_in, p_out, u_out = states[old, 0, j], states[old, 1, j], states[now, 0, j], states[now, 1, j]
             push = (p_out - p_in) * middle
             a_r, a_phi = -push * per_mass, (p_around[j] - p_around[j + 1]) * around_per_mass
-            acc[i, j, 0] += a_r * geometry.cos[j] - a_phi * geometry.sin[j]
-            acc[i, j, 1] += a_r * geometry.sin[j] + a_phi * geometry.cos[j]
+            acc[own, j, 0] += a_r * geometry.cos[j] - a_phi * geometry.sin[j]
+            acc[own, j, 1] += a_r * geometry.sin[j] + a_phi * geometry.cos[j]
             if heated:
                 work = radial[i + GHOSTS, j] * push - p_out * outer * u_out + p_in * inner * u_in
                 v = around[i, j]
                 turning = p_around[j + 1] * (v - u_around[j + 1]) - p_around[j] * (v - u_around[j])
-                heating[i, j] = work * per_mass + turning * around_per_mass
+                heating[own, j] = work * per_mass + turning * around_per_mass
     return fastest
 
 

@@ -1,6 +1,7 @@
 """Geometry of polar cells, and arrays of their fields.
 
-A field is an array (rings + 4, angles): two rows of ghost cells lie beyond each edge.
+A field is an array (rings + 4, angles): two rows of ghost cells lie beyond each edge. With several processes the rings
+are those of one process, its own, and next rings of others (`ranks/polar.py`). Arrays of particles have own rings only.
 """
 
 from typing import NamedTuple
@@ -20,7 +21,7 @@ class Geometry(NamedTuple):
     sides (rings + 1,): radii between rings. radius (rings,): radius of the centroid of the cells. volume (rings,):
     difference of r^2 / 2, the area of a cell per angle. angle: width of a cell in azimuth. weights (rings + 4, 12):
     `parabola.side_coefficients`. cos, sin (angles,): of the azimuths of the centres. closed: whether no gas passes the
-    edges.
+    edges. first: first own ring.
     """
 
     sides: np.ndarray
@@ -31,6 +32,7 @@ class Geometry(NamedTuple):
     cos: np.ndarray
     sin: np.ndarray
     closed: bool
+    first: int
 
 
 @inline_jit

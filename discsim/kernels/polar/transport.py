@@ -43,38 +43,41 @@ LEAST_ENERGY = 0.5
 def unpack(first, last, mass, vel, pressure, u, dt, geometry, fields):
     """Write the fields of the rings `first` to `last` after the first half of the centrifugal acceleration over dt.
 
-    mass, pressure, u (rings, angles); vel (rings, angles, 2). u is empty for gas without an energy equation.
+    mass, pressure, u (own rings, angles); vel (own rings, angles, 2). u is empty for gas without an energy equation.
     """
     for i in range(first, last):
-        r, row = geometry.radius[i], i + GHOSTS
+        r, row, k = geometry.radius[i], i + GHOSTS, i - geometry.first
         per_mass = 1.0 / (geometry.volume[i] * geometry.angle)
         half = 0.5 * dt / r**3
         for j in range(mass.shape[1]):
-            c, s, vx, vy = geometry.cos[j], geometry.sin[j], vel[i, j, 0], vel[i, j, 1]
+            c, s, vx, vy = geometry.cos[j], geometry.sin[j], vel[k, j, 0], vel[k, j, 1]
             spin = r * (c * vy - s * vx)
-            fields[DENSITY, row, j] = mass[i, j] * per_mass
+            fields[DENSITY, row, j] = mass[k, j] * per_mass
             fields[RADIAL, row, j] = c * vx + s * vy + half * spin * spin
             fields[SPIN, row, j] = spin
-            fields[PRESSURE, row, j] = pressure[i, j]
+            fields[PRESSURE, row, j] = pressure[k, j]
         if len(fields) > ENERGY:
-            fields[ENERGY, row] = u[i]
+            fields[ENERGY, row] = u[k]
 
 
 @jit
 def pack(first, last, fields, dt, geometry, mass, vel, u):
-    """Set mass, velocity and energy from the fields, after the second half of the centrifugal acceleration over dt."""
+    """Set mass, velocity and energy from the fields, after the second half of the centrifugal acceleration over dt.
+
+    mass, vel, u: as in `unpack`.
+    """
     for i in range(first, last):
-        r, row = geometry.radius[i], i + GHOSTS
+        r, row, k = geometry.radius[i], i + GHOSTS, i - geometry.first
         area = geometry.volume[i] * geometry.angle
         half = 0.5 * dt / r**3
         for j in range(mass.shape[1]):
             c, s, spin = geometry.cos[j], geometry.sin[j], fields[SPIN, row, j]
             radial, around = fields[RADIAL, row, j] + half * spin * spin, spin / r
-            mass[i, j] = fields[DENSITY, row, j] * area
-            vel[i, j, 0] = radial * c - around * s
-            vel[i, j, 1] = radial * s + around * c
+            mass[k, j] = fields[DENSITY, row, j] * area
+            vel[k, j, 0] = radial * c - around * s
+            vel[k, j, 1] = radial * s + around * c
         if len(fields) > ENERGY:
-            u[i] = fields[ENERGY, row]
+            u[k] = fields[ENERGY, row]
 
 
 @inline_jit

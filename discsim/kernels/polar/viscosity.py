@@ -64,12 +64,12 @@ def stress_along_ring(i, radial, around, mu, geometry, out):
 
 @jit
 def accelerate(first, last, radial, around, mu, density, geometry, acc, heating):
-    """Add the viscous acceleration of the rings `first` to `last` to `acc` (rings, angles, 2).
+    """Add the viscous acceleration of the rings `first` to `last` to `acc` (own rings, angles, 2).
 
-    radial (rings + 4, angles), around (rings, angles): velocities. mu (rings, angles): Sigma nu. heating (rings,
-    angles): the heating rate is added; (0, 0) for gas without an energy equation.
+    radial (rings + 4, angles), around (rings, angles): velocities. mu (rings, angles): Sigma nu. density (own rings,
+    angles). heating (own rings, angles): the heating rate is added; (0, 0) for gas without an energy equation.
     """
-    n, rings, heated = around.shape[1], len(density), heating.size > 0
+    n, rings, heated = around.shape[1], len(around), heating.size > 0
     sides, along = np.zeros((2, 4, n)), np.empty((4, n))
     for side in range(first, last + 1):
         old, now = sides[(side + 1) % 2], sides[side % 2]
@@ -78,23 +78,23 @@ def accelerate(first, last, radial, around, mu, density, geometry, acc, heating)
             stress_between_rings(side, radial, around, mu, geometry, now)
         if side == first:
             continue
-        i = side - 1
+        i, own = side - 1, side - 1 - geometry.first
         stress_along_ring(i, radial, around, mu, geometry, along)
         inner, outer, r = geometry.sides[i], geometry.sides[i + 1], geometry.radius[i]
         middle, wide = 0.5 * (inner + outer), (outer - inner) / geometry.angle
         for j in range(n):
             k = j + 1 if j < n - 1 else 0
-            per_mass = 1.0 / (density[i, j] * geometry.volume[i])
+            per_mass = 1.0 / (density[own, j] * geometry.volume[i])
             v, turning = radial[i + GHOSTS, j], around[i, j] / r
             hoop = 0.5 * (along[0, j] + along[0, k]) * (outer - inner)
             push = outer * now[0, j] - inner * old[0, j] + wide * (along[1, k] - along[1, j]) - hoop
             torque = outer**2 * now[1, j] - inner**2 * old[1, j] + middle * wide * (along[0, k] - along[0, j])
             a_r, a_phi = push * per_mass, torque * per_mass / r
-            acc[i, j, 0] += a_r * geometry.cos[j] - a_phi * geometry.sin[j]
-            acc[i, j, 1] += a_r * geometry.sin[j] + a_phi * geometry.cos[j]
+            acc[own, j, 0] += a_r * geometry.cos[j] - a_phi * geometry.sin[j]
+            acc[own, j, 1] += a_r * geometry.sin[j] + a_phi * geometry.cos[j]
             if heated:
                 work = outer * now[0, j] * now[2, j] - inner * old[0, j] * old[2, j]
                 work += wide * (along[1, k] * along[2, k] - along[1, j] * along[2, j])
                 work += outer**2 * now[1, j] * now[3, j] - inner**2 * old[1, j] * old[3, j]
                 work += middle * wide * (along[0, k] * along[3, k] - along[0, j] * along[3, j])
-                heating[i, j] += (work - v * push - turning * torque) * per_mass
+                heating[own, j] += (work - v * push - turning * torque) * per_mass
