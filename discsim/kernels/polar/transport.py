@@ -19,8 +19,11 @@ together with the velocity relative to the mean (FARGO, Masset 2000, A&AS 141, 1
 l^2 / r^3 is applied over half of dt before the sweeps and half after them. With gravity in the kick this is a leapfrog
 in polar coordinates: circular orbits are exact at any step.
 
-Mixing of gas in a cell conserves momentum and loses kinetic energy of the motion along the sweep. Gas that holds heat
-gains this energy, so that shocks have the right heat.
+Mixing of gas in a cell conserves momentum and loses kinetic energy, of the motion along the sweep and across it: of
+both in shocks that are oblique to the rings. Gas that holds heat gains this energy, so that shocks have the right heat.
+With the velocities w = (v_r, l/r) before the sweep, and w_k of the gas m_k that enters (m_k < 0: that leaves), it is
+
+    sum_k m_k |w_k - w|^2 / 2 - m' |w' - w|^2 / 2,   m', w' after the sweep.                            (3)
 """
 
 import math
@@ -31,7 +34,8 @@ from discsim.jit.decorators import inline_jit, jit, jit_subroutine
 from discsim.kernels.polar.geometry import DENSITY, ENERGY, GHOSTS, PRESSURE, RADIAL, SPIN, pad_row
 from discsim.kernels.polar.parabola import part_mean, sides_along_ring, sides_of_ring
 
-MASS, MOMENTUM, ANGULAR, HEAT, KINETIC = range(5)  # rows of fluxes through the sides of a ring
+# Rows of fluxes through the sides of a ring, and of the means of the gas that passes: radial velocity, and spin.
+MASS, MOMENTUM, ANGULAR, HEAT, PASSING_RADIAL, PASSING_SPIN = range(6)
 MOST = 0.7  # largest fraction of a cell that leaves it in a sweep
 LEAST_STRETCH = 0.5  # lower bound of 1 + dt du/dx
 # Smallest energy per mass after a sweep, over that without the gain from mixing, which is at least this fraction of the
@@ -106,12 +110,11 @@ def upwind_mean(k, j, ahead, up, y, behind_cells, ahead_cells):
 
 
 @jit_subroutine
-def carry_through(swept, volumes, behind, ahead, shift, direction, flux):
-    """Write the fluxes through a row of sides: mass, radial momentum, angular momentum, energy, kinetic energy.
+def carry_through(swept, volumes, behind, ahead, shift, flux):
+    """Write the fluxes (6, n) through a row of sides; of gas without an energy equation the first three rows.
 
     swept (n,): fraction of the cell behind a side that passes it, or -1 times that of the cell ahead. volumes: of the
     cells behind and ahead. behind, ahead: cells as in `upwind_mean`; the side j is behind column j + shift of `ahead`.
-    direction: field of the velocity along the sweep. flux (5, n).
     """
     heated = len(behind[2]) > ENERGY
     for j in range(len(swept)):
@@ -122,18 +125,23 @@ def carry_through(swept, volumes, behind, ahead, shift, direction, flux):
         spin = upwind_mean(SPIN, j, j + shift, up, y, behind, ahead)
         flux[MASS, j], flux[MOMENTUM, j], flux[ANGULAR, j] = mass, mass * radial, mass * spin
         if heated:
-            along = radial if direction == RADIAL else spin
             flux[HEAT, j] = mass * upwind_mean(ENERGY, j, j + shift, up, y, behind, ahead)
-            flux[KINETIC, j] = 0.5 * mass * along * along
+            flux[PASSING_RADIAL, j], flux[PASSING_SPIN, j] = radial, spin
+
+
+@inline_jit
+def squared_change(flux, j, radial, spin, scale):
+    """Return |w_k - w|^2 of eq. (3) of the gas that passes the side j; scale: (l/r)^2 over the squared spin."""
+    along, around = flux[PASSING_RADIAL, j] - radial, flux[PASSING_SPIN, j] - spin
+    return along * along + scale * around * around
 
 
 @jit_subroutine
-def add_fluxes(inward, outward, shift, volume, means, first, direction, scale, new):
+def add_fluxes(inward, outward, shift, volume, means, first, scale, new):
     """Write the fields `new` (fields, n) of cells after fluxes through both sides.
 
-    inward, outward (5, m): fluxes through the lower and the upper sides; the cell j has the columns j and j + shift.
-    means: fields before, of the cell j in the column j + first. direction: field of the velocity along the sweep, whose
-    kinetic energy per mass is scale v^2 / 2.
+    inward, outward (6, m): fluxes through the lower and the upper sides; the cell j has the columns j and j + shift.
+    means: fields before, of the cell j in the column j + first. scale: (l/r)^2 over the squared field SPIN.
     """
     heated = len(means) > ENERGY
     for j in range(new.shape[1]):
@@ -146,10 +154,12 @@ def add_fluxes(inward, outward, shift, volume, means, first, direction, scale, n
         new[RADIAL, j], new[SPIN, j], new[PRESSURE, j] = radial, spin, means[PRESSURE, i]
         if heated:
             heat = (before * means[ENERGY, i] + inward[HEAT, j] - outward[HEAT, k]) / mass
-            own, after = (means[RADIAL, i], radial) if direction == RADIAL else (means[SPIN, i], spin)
-            kinetic = (0.5 * before * own * own + inward[KINETIC, j] - outward[KINETIC, k]) / mass
+            own = means[RADIAL, i], means[SPIN, i]
+            entering = inward[MASS, j] * squared_change(inward, j, own[0], own[1], scale)
+            leaving = outward[MASS, k] * squared_change(outward, k, own[0], own[1], scale)
+            kept = (radial - own[0]) ** 2 + scale * (spin - own[1]) ** 2
             least = LEAST_ENERGY * max(heat, LEAST_ENERGY * means[ENERGY, i])
-            new[ENERGY, j] = max(heat + scale * (kinetic - 0.5 * after * after), least)
+            new[ENERGY, j] = max(heat + 0.5 * ((entering - leaving) / mass - kept), least)
 
 
 @jit_subroutine
@@ -234,7 +244,7 @@ def limit_swept(side, swept, out):
 
 @jit_subroutine
 def add_leaving(flux, sign, r, geometry, lost):
-    """Add mass, momentum and angular momentum of the fluxes (5, angles) through an edge at `r` to `lost` (4,)."""
+    """Add mass, momentum and angular momentum of the fluxes (6, angles) through an edge at `r` to `lost` (4,)."""
     for j in range(flux.shape[1]):
         radial, around = flux[MOMENTUM, j], flux[ANGULAR, j] / r
         lost[0] += sign * flux[MASS, j]
@@ -252,7 +262,7 @@ def sweep_radially(first, last, fields, swept, geometry, new):
     """
     count, angles, rings = len(fields), fields.shape[2], len(geometry.radius)
     cells = np.zeros((2, 3, count, angles))  # of two rings: lower sides, upper sides and means of the fields
-    flux, limited, row = np.zeros((2, 5, angles)), np.empty(angles), np.empty((count, angles))
+    flux, limited, row = np.zeros((2, 6, angles)), np.empty(angles), np.empty((count, angles))
     lost = np.zeros((2, 4))
     for side in range(first, last + 1):
         old, now = (side + 1) % 2, side % 2
@@ -265,9 +275,10 @@ def sweep_radially(first, last, fields, swept, geometry, new):
         behind, ahead = (cells[old, 0], cells[old, 1], cells[old, 2]), (cells[now, 0], cells[now, 1], cells[now, 2])
         limit_swept(side, swept, limited)
         volumes = geometry.volume[max(side - 1, 0)], geometry.volume[min(side, rings - 1)]
-        carry_through(limited, volumes, behind, ahead, 0, RADIAL, flux[now])
+        carry_through(limited, volumes, behind, ahead, 0, flux[now])
         if side > first:
-            add_fluxes(flux[old], flux[now], 0, volumes[0], cells[old, 2], 0, RADIAL, 1.0, row)
+            scale = 1.0 / geometry.radius[side - 1] ** 2
+            add_fluxes(flux[old], flux[now], 0, volumes[0], cells[old, 2], 0, scale, row)
             for k in range(count):
                 new[k, side - 1 + GHOSTS] = row[k]
         for edge in range(2):
@@ -298,7 +309,7 @@ def sweep_around(first, last, fields, gamma, dt, geometry, new):
     padded, row = np.empty((count, angles + 6)), np.empty((count, angles))
     # Separate arrays: with parts of one array, LLVM's run-time test for overlap would take the scalar loops.
     low, high, means = np.empty((count, angles + 2)), np.empty((count, angles + 2)), np.empty((count, angles + 2))
-    flux, swept, limited = np.zeros((5, angles + 1)), np.empty(angles + 1), np.empty(angles + 1)
+    flux, swept, limited = np.zeros((6, angles + 1)), np.empty(angles + 1), np.empty(angles + 1)
     for i in range(first, last):
         ring, r = i + GHOSTS, geometry.radius[i]
         to_cells = 1.0 / (r * r * geometry.angle)  # angular momentum per mass to cells per time
@@ -318,8 +329,8 @@ def sweep_around(first, last, fields, gamma, dt, geometry, new):
             y = swept[j]
             other = -swept[j - 1 if j > 0 else angles - 1] if y > 0.0 else swept[j + 1 if j < angles else 1]
             limited[j] = limited_part(y, other)
-        carry_through(limited, (1.0, 1.0), cells, cells, 1, SPIN, flux)
-        add_fluxes(flux, flux, 1, 1.0, means, 1, SPIN, (r * geometry.angle) ** 2, row)
+        carry_through(limited, (1.0, 1.0), cells, cells, 1, flux)
+        add_fluxes(flux, flux, 1, 1.0, means, 1, (r * geometry.angle) ** 2, row)
         for j in range(angles):
             row[SPIN, j] = row[SPIN, j] / to_cells + mean
         begin = int(whole % angles)
