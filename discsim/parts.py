@@ -163,6 +163,7 @@ SCHEMES = Registry(
         "idic": "discsim.drag.idic:SCHEME",
         "idic-linear": "discsim.drag.idic_linear:SCHEME",
         "tsc": "discsim.drag.tsc:SCHEME",
+        "emsi": "discsim.drag.emsi:SCHEME",
         "mk": "discsim.drag.published.mk:SCHEME",
         "lab14": "discsim.drag.published.lab14:SCHEME",
         "reconstructed": "discsim.drag.published.reconstructed:SCHEME",

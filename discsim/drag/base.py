@@ -140,6 +140,7 @@ class KickContext(NamedTuple):
     scratch arrays by name, which a scheme may keep here for later kicks. new_sph: function without arguments that
     returns a new `Sph`, which computes SPH sums with the options of the scene. ratios: dust-to-gas mass ratio of each
     population. double_hump: whether pairs have the double-hump kernel as weight; False for the kernel of the gas.
+    geometry: `Geometry` of the polar cells of the gas (`kernels/polar/geometry.py`), for schemes with `polar`.
     """
 
     dim: int
@@ -149,6 +150,7 @@ class KickContext(NamedTuple):
     new_sph: Callable[[], Any]
     ratios: list[float]
     double_hump: bool
+    geometry: Any = None
 
 
 class KickResult(NamedTuple):
@@ -228,6 +230,8 @@ class Scheme:
     by_component : bool
         Whether a kick changes each component of the velocities by itself, as a shearing box needs for the azimuthal
         velocity. False for impulses along the line between two particles.
+    polar : bool
+        Whether the drag cells are the cells of gas on a polar grid.
     sizes : bool
         Whether the grains of a population may have different sizes.
     damps : bool
@@ -252,6 +256,7 @@ class Scheme:
     reads: tuple[str, ...] = EVERYTHING
     conserves: bool = True
     by_component: bool = True
+    polar: bool = False
     sizes: bool = False
     damps: bool = False
     unused: Keys = field(default_factory=dict)

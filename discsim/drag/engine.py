@@ -16,6 +16,7 @@ from discsim.numerics.totals import mean, total
 from discsim.parts import SCHEMES, Lazy
 from discsim.physics.eos import thermal_speed
 from discsim.physics.laws import SceneLaw
+from discsim.physics.polar import polar_shape
 
 if TYPE_CHECKING:
     from discsim.drag.cells import Layout
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 
 cells, dust_density, frames = Lazy("discsim.drag.cells"), Lazy("discsim.drag.dust_density"), Lazy("discsim.drag.frame")
 growth, sph = Lazy("discsim.physics.growth"), Lazy("discsim.numerics.sph")
+polar = Lazy("discsim.numerics.polar")
 Array = np.ndarray
 Seen: TypeAlias = "State | View"
 Prepared: TypeAlias = "tuple[Frame, Any]"  # frame of a kick, and its cells or None
@@ -69,7 +71,8 @@ class Engine:
     """Drag engine of a serial run; `ranks/drag.py` has the subclass for several MPI ranks.
 
     star: central mass and its softening at the last kick. buffers: scratch arrays of the scheme by name. samples:
-    the particles of each species whose velocities determine the frame.
+    the particles of each species whose velocities determine the frame. geometry: polar cells of the gas, for schemes
+    with `polar`; else None.
     """
 
     def __init__(self, scene: Scene, star: tuple[float, float]) -> None:
@@ -82,6 +85,7 @@ class Engine:
             self.period[:] = *scene.space.size, *np.ones(2 - self.dim)
         self.buffers: dict[str, Array] = {}
         self.samples: Samples = {}
+        self.geometry = polar.geometry_of(*polar_shape(scene)) if self.scheme.polar else None
         self._times: Array | Callable[[], Array] = EMPTY
         self._uncoupled_mass = EMPTY  # masses of the dust that the last kick did not couple to gas
 
@@ -210,7 +214,7 @@ class Engine:
             thermal_speed=thermal_speed(scene, state.gas),
         )  # fmt: skip
         dust = dust._replace(acc=state.dust.acc, acc_unshared=state.acc_unshared["dust"])
-        if self.scheme.layout is None:
+        if self.scheme.layout is None and not self.scheme.polar:
             return gas, dust
         if state.dust.size is not None:
             return gas, dust._replace(per_grain=self.classes.relative)
@@ -240,7 +244,9 @@ class Engine:
         """Return the context of a kick. heat (n,): output array for the heat, or an empty array."""
         ratios = [population.ratio for population in self.scene.dust]
         double_hump = self.scene.drag.kernel == "double-hump"
-        return KickContext(self.dim, self.period, heat, self.buffers, self._new_sph, ratios, double_hump)
+        return KickContext(
+            self.dim, self.period, heat, self.buffers, self._new_sph, ratios, double_hump, self.geometry
+        )
 
     def _new_sph(self) -> Any:
         """Return an object for SPH sums that need no velocities, with the options of the scene."""

@@ -124,10 +124,15 @@ def _effect_problems(draft: Draft) -> Iterator[Problem]:
             yield (table,), f'{what} needs neighbours among gas particles; set gas.method = "sph", or remove [{table}]'
     if draft.has("shearing_box"):
         yield ("shearing_box",), 'a shearing box has no polar grid; set gas.method = "sph"'
-    if draft.drag and SCHEMES[draft.drag.scheme].cells is None:
-        words = quoted(name for name in SCHEMES if SCHEMES[name].cells is not None)
+    if draft.drag and not _takes_cells(draft.drag.scheme):
+        words = quoted(name for name in SCHEMES if _takes_cells(name))
         wrong = f'drag.scheme "{draft.drag.scheme}" needs pairs of particles, but gas.method is "grid"'
         yield ("drag", "scheme"), f"{wrong}; choose drag.scheme {words}"
+
+
+def _takes_cells(scheme: str) -> bool:
+    """Return whether the gas of a drag scheme may be in polar cells."""
+    return SCHEMES[scheme].polar or SCHEMES[scheme].cells is not None
 
 
 # Effects
@@ -188,17 +193,29 @@ class Gas(gas.Effect):
         return at.smallest(at.h / scene.gas.eta / (np.sqrt(2.0) * at.sound_speed))
 
     def begin(self, state: State, effects: Mapping[str, base.Effect]) -> None:
-        """Balance the rotation with the pressure force of the cells, in place of that of the initial profile."""
-        scene, p, r = self.scene, state.gas, self.cells.geometry.radius
+        """Balance gas, and dust that drifts, with the pressure force of the cells instead of the initial profile."""
+        scene, r = self.scene, self.cells.geometry.radius
         if scene.initial is None or start_of(scene).radial is None or not _has_cells(state):
             return
-        disc, pull = profile.radial(scene), balance.Equilibrium(state, dict(effects)).gravity(r)
-        with np.errstate(all="ignore"):
-            given = disc.pressure_acceleration(r)
-        given = np.where((r > disc.inner) & (r < disc.outer) & np.isfinite(given), given, 0.0)
-        squares = [r * np.maximum(pull - push, 0.0) for push in (self._mean_pressure_push(state, pull), given)]
-        across = self.cells.pos[:, ::-1] * [-1.0, 1.0] / np.repeat(r, self.cells.angles)[:, None]
-        p.vel += np.repeat(np.sqrt(squares[0]) - np.sqrt(squares[1]), self.cells.angles)[:, None] * across
+        disc = profile.radial(scene)
+
+        def given(r: np.ndarray) -> np.ndarray:
+            with np.errstate(all="ignore"):
+                push = disc.pressure_acceleration(r)
+            return np.where((r > disc.inner) & (r < disc.outer) & np.isfinite(push), push, 0.0)
+
+        equilibrium = balance.Equilibrium(state, dict(effects))
+        pull = equilibrium.gravity(r)
+        push = self._mean_pressure_push(state, pull)
+        more = push - given(r)
+        equilibrium.pressure = lambda at: given(at) + np.interp(at, r, more)
+        drifting = equilibrium.drifting
+        balance.set_velocities(equilibrium, {name: state.species[name] for name in drifting})
+        if "gas" not in drifting:
+            squares = [r * np.maximum(pull - outwards, 0.0) for outwards in (push, given(r))]
+            across = self.cells.pos[:, ::-1] * [-1.0, 1.0] / np.repeat(r, self.cells.angles)[:, None]
+            change = np.sqrt(squares[0]) - np.sqrt(squares[1])
+            state.gas.vel += np.repeat(change, self.cells.angles)[:, None] * across
 
     def _mean_pressure_push(self, state: State, pull: np.ndarray) -> np.ndarray:
         """Return the mean outward acceleration (rings,) of gas at rest by pressure, at most MAX_PUSH times `pull`."""

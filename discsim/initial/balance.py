@@ -12,7 +12,7 @@ Dust without drag, or with `initial.dust_velocity` "balance": circular orbits, v
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
@@ -75,12 +75,15 @@ class Equilibrium:
     """Equilibrium of the disc in `state` under the forces of `effects`.
 
     The accelerations by self-gravity and companions are averaged over azimuth at each radius.
-    gravity: inward acceleration by gravity, as a function of radii (n,). has_small_dust: whether the mass of gas
+    gravity: inward acceleration by gravity, as a function of radii (n,). pressure: outward acceleration of gas by
+    pressure, as a function of radii; by default that of the initial profile. has_small_dust: whether the mass of gas
     particles includes small dust. drifts: whether dust starts with its drift.
     """
 
-    def __init__(self, state: State, effects: dict[str, Any]) -> None:
-        self.scene, self.effects = state.scene, effects
+    def __init__(
+        self, state: State, effects: dict[str, Any], pressure: Callable[[Array], Array] | None = None
+    ) -> None:
+        self.scene, self.effects, self.pressure = state.scene, effects, pressure
         self.gravity = mean_gravity(state, effects)
         self.has_small_dust = "growth" in effects and growth.gas_mass_includes_small_dust(state.scene)
         self.drifts = "drag" in effects and getattr(self.scene.initial, "dust_velocity", None) != "balance"
@@ -105,11 +108,12 @@ class Equilibrium:
             lag = radiation.circular_minus_keplerian(scene, species, r, keplerian)
         elif scene.gas is not None:
             disc = profile.radial(scene)
-            headwind = 0.5 * disc.pressure_acceleration(r) * r / keplerian  # eta v_K
+            pressure = self.pressure or disc.pressure_acceleration
+            headwind = 0.5 * pressure(r) * r / keplerian  # eta v_K
             if self.has_small_dust:  # the pressure of the gas accelerates gas and small dust together
                 headwind = headwind / (1.0 + growth.small_ratio_at(scene, r, disc.dust_share))
             headwind[keplerian <= 1e-100] = 0.0
-            if self.drifts and (name == "dust" or scene.drag.direction == "two-way"):
+            if name in self.drifting:
                 radial, lag = self._drift(disc, species, r, keplerian / r, headwind, size)
             elif name == "gas":
                 # Without drag the balance of gas is known exactly, not only to first order in the headwind.
@@ -117,6 +121,13 @@ class Equilibrium:
             if name == "gas" and scene.table("alpha_viscosity") is not None:
                 radial = radial + viscous_inflow(scene, disc, r)
         return radial, keplerian + lag
+
+    @property
+    def drifting(self) -> tuple[str, ...]:
+        """Names of the species that start with the steady drift of gas and dust."""
+        if not self.drifts:
+            return ()
+        return ("gas", "dust") if self.scene.drag.direction == "two-way" else ("dust",)
 
     def without_drag(self, pos: Array) -> tuple[Array, Array]:
         """Return radial and azimuthal velocity (n,) of gas at the positions `pos` (n, 2), without drag by dust."""
@@ -194,9 +205,17 @@ def settle(state: State, effects: dict[str, Any]) -> None:
     species.
     """
     equilibrium = Equilibrium(state, effects)
+    set_velocities(equilibrium, state.species)
+    if state.scene.model.given is None:
+        for name, particles in state.species.items():
+            _check_orbits(equilibrium, name, particles)
+
+
+def set_velocities(equilibrium: Equilibrium, species: Mapping[str, Any]) -> None:
+    """Set the velocities of the `Particles` of gas and dust by name to those of the equilibrium."""
     # `companions.mean_pull` tabulates over the radii of one call, so with companions all particles are in one chunk.
-    chunk = CHUNK if state.scene.table("companion") is None else np.iinfo(np.int64).max
-    for name, particles in state.species.items():
+    chunk = CHUNK if equilibrium.scene.table("companion") is None else np.iinfo(np.int64).max
+    for name, particles in species.items():
         own = getattr(particles, "species", None), getattr(particles, "size", None)
         for first in range(0, particles.count, chunk):
             rows = slice(first, first + chunk)
@@ -206,8 +225,6 @@ def settle(state: State, effects: dict[str, Any]) -> None:
             direction = pos / np.sqrt((pos**2).sum(axis=1))[:, None]
             across = np.stack([-direction[:, 1], direction[:, 0]], axis=1)
             particles.vel[rows] = radial[:, None] * direction + azimuthal[:, None] * across
-        if state.scene.model.given is None:
-            _check_orbits(equilibrium, name, particles)
 
 
 def _check_orbits(equilibrium: Equilibrium, name: str, particles: Any) -> None:

@@ -26,6 +26,26 @@ Array = np.ndarray
 CHUNK = 4096  # smallest number of cells in a chunk of a parallel loop
 
 
+def geometry_of(rings: int, angles: int, inner: float, outer: float, closed: bool) -> Geometry:
+    """Return the geometry of `rings` rings of `angles` polar cells between two radii. closed: the edges are walls."""
+    sides = ring_sides(rings, inner, outer, GHOSTS)
+    volume = 0.5 * (sides[1:] - sides[:-1]) * (sides[1:] + sides[:-1])
+    own = slice(GHOSTS, GHOSTS + rings)
+    # Centroid (r_o^3 - r_i^3) / (3 volume), without a difference of cubes.
+    low, high = sides[:-1], sides[1:]
+    radius = (high - low) * (high * high + high * low + low * low) / (3.0 * volume)
+    azimuth = _azimuth(angles)
+    return Geometry(
+        sides[GHOSTS : rings + GHOSTS + 1].copy(), radius[own].copy(), volume[own].copy(), 2.0 * math.pi / angles,
+        side_coefficients(volume), np.cos(azimuth), np.sin(azimuth), closed, 0,
+    )  # fmt: skip
+
+
+def _azimuth(angles: int) -> Array:
+    """Return the azimuths (angles,) of the centroids in a ring."""
+    return (np.arange(angles) + 0.5) * (2.0 * math.pi / angles)
+
+
 class PolarCells:
     """Polar cells between two radii, with the work arrays of their kernels.
 
@@ -34,20 +54,8 @@ class PolarCells:
     """
 
     def __init__(self, rings: int, angles: int, inner: float, outer: float, closed: bool) -> None:
-        self.angles = angles
-        sides = ring_sides(rings, inner, outer, GHOSTS)
-        volume = 0.5 * (sides[1:] - sides[:-1]) * (sides[1:] + sides[:-1])
-        angle = 2.0 * math.pi / angles
-        self.azimuth = (np.arange(angles) + 0.5) * angle
-        own = slice(GHOSTS, GHOSTS + rings)
-        # Centroid (r_o^3 - r_i^3) / (3 volume), without a difference of cubes.
-        low, high = sides[:-1], sides[1:]
-        radius = (high - low) * (high * high + high * low + low * low) / (3.0 * volume)
-        geometry = Geometry(
-            sides[GHOSTS : rings + GHOSTS + 1].copy(), radius[own].copy(), volume[own].copy(), angle,
-            side_coefficients(volume), np.cos(self.azimuth), np.sin(self.azimuth), closed, 0,
-        )  # fmt: skip
-        self.set_rings(geometry, rings)
+        self.angles, self.azimuth = angles, _azimuth(angles)
+        self.set_rings(geometry_of(rings, angles, inner, outer, closed), rings)
 
     def set_rings(self, geometry: Geometry, own: int) -> None:
         """Set the rings in work arrays, whose geometry is `geometry`; own: number of own rings."""
