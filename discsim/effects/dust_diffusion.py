@@ -7,8 +7,8 @@ zone. The Stokes number St of each grain is that of the last kick (Youdin & Lith
 diffusivity of the grains at any St. In one dimension Sigma is the density, and Omega is `external.vertical_frequency`.
 
 Each grain walks once a step, after its drift. xi depends on the seed, the id of the grain and the step number
-(`kernels/common/philox.py`). The walk is split into substeps if sqrt(2 D dt) exceeds h/2 (H/6 in a prescribed disc).
-The walk sets no time-step limit.
+(`kernels/common/philox.py`). The walk is split into substeps if sqrt(2 D dt) exceeds h/2, half a cell of a polar grid,
+or H/6 in a prescribed disc. The walk sets no time-step limit.
 
 The walk conserves velocities, and so momentum. About a star it conserves velocities relative to the circular orbit at
 each position (`kernels/dust/diffusion.py`), which changes the angular momentum of a grain. With two-way drag, the gas
@@ -26,13 +26,12 @@ import numpy as np
 from pydantic import Field
 
 from discsim.effects import base
-from discsim.formulas.smoothing import SMOOTHING
+from discsim.effects.sampling import sampler_class
 from discsim.numerics import world
 from discsim.numerics.state import State
 from discsim.numerics.threads import copied, parallel_for
 from discsim.parts import Lazy
 from discsim.physics import diffusion
-from discsim.physics.eos import thermal_speed
 from discsim.physics.orbits import drift_rotates_velocities
 from discsim.scene.fields import Default, Diffusivity, Number, Table
 from discsim.scene.rules import Draft, Problem
@@ -43,11 +42,8 @@ if TYPE_CHECKING:
 kernels = Lazy("discsim.kernels.dust.diffusion")
 philox = Lazy("discsim.kernels.common.philox")
 moves = Lazy("discsim.kernels.common.move")
-neighbours = Lazy("discsim.numerics.neighbours")
-meeting = Lazy("discsim.numerics.meeting")
-smoothing = Lazy("discsim.numerics.sph")
 
-GRAIN_COST, PAIR_COST = 250.0, 7.5  # CPU nanoseconds in a step: per grain, and per gas neighbour of a grain and pass
+GRAIN_COST = 250.0  # CPU nanoseconds in a step, per grain, without those of the sampler
 LONGEST_WALK = 0.5  # largest sqrt(2 D dt) of a substep, in units of the length over which the gas changes
 MOST_SUBSTEPS, MANY_SUBSTEPS = 2000, 10  # largest number of substeps in a step, and largest one without a warning
 WALK = 0xD1FF  # part of the generator's key that no other random number of a run shares
@@ -110,11 +106,11 @@ class Effect(base.Effect):
         self.table = diffusion.alpha_table(scene)
         self.uses_stokes = scene.table("dust_diffusion").D is None
         self.key = philox.key_words(scene.run.seed, WALK)
-        self.sph = smoothing.Sph(scene) if scene.gas else None
         self.drag: Any = None
+        self.sampler = sampler_class(scene)(scene)
 
     def begin(self, state: State, effects: Mapping[str, base.Effect]) -> None:
-        self.drag = effects.get("drag")
+        self.drag = self.sampler.drag = effects.get("drag")
 
     @classmethod
     def report(cls, scene: Scene, at: base.GasSamples) -> base.Report:
@@ -122,9 +118,8 @@ class Effect(base.Effect):
 
     @classmethod
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
-        neighbours = SMOOTHING[scene.gas.kernel].neighbours(scene.gas.eta) if scene.gas else 0.0
         passes = 3 if scene.gas and scene.star and scene.drag and scene.drag.direction == "two-way" else 1
-        return counts.dust * (GRAIN_COST + passes * PAIR_COST * neighbours)
+        return counts.dust * (GRAIN_COST + passes * sampler_class(scene).nanoseconds(scene))
 
     def operators(self, state: State) -> list[base.Operator]:
         return [base.Operator("dust_diffusion.walk", base.Slot.MOVE, self.move)]
@@ -139,9 +134,9 @@ class Effect(base.Effect):
         times = self.drag.stopping_times if self.uses_stokes else norm
         row, turbulence = self._turbulence(state)
         done, steps, count = 0, 1, state.step + state.earlier
-        sampler = _GasSampler(self, state)
+        self.sampler.begin(state)
         while done < steps:
-            gas = sampler.at(dust.pos)
+            gas = self.sampler.at(dust.pos)
             steepest = max(
                 parallel_for(
                     kernels.write_diffusivities, dust.count, dust.pos, centre, row, gas, times, norm, done == 0,
@@ -153,13 +148,12 @@ class Effect(base.Effect):
             if dust.immobile is not None:
                 strength[dust.immobile] = 0.0
             lag = 0.0 if drift_rotates_velocities(self.scene) else state.velocity_lag + dt
-            self._walk(state, sampler, gas, strength, drift, dt / steps, lag, count * MOST_SUBSTEPS + done)
+            self._walk(state, gas, strength, drift, dt / steps, lag, count * MOST_SUBSTEPS + done)
             done += 1
 
     def _walk(
         self,
         state: State,
-        sampler: _GasSampler,
         gas: np.ndarray,
         strength: np.ndarray,
         drift: np.ndarray,
@@ -169,13 +163,13 @@ class Effect(base.Effect):
     ) -> None:
         """Make one substep of the walk over dt, and subtract the gained angular momentum from the gas.
 
-        gas: properties of the gas at the grains, from `_GasSampler.at`. strength (n,), drift (n, d): diffusivity and
+        gas: properties of the gas at the grains, from `GasSampler.at`. strength (n,), drift (n, d): diffusivity and
         drift velocity of the walk, from `kernels.write_diffusivities`. lag: time by which velocities are rotated
         behind positions on circular orbits. number: index of the substep in the run, which determines the random
         vectors.
         """
         dust, centre, star = state.dust, base.centre_of_disc(state), state.central
-        circles = kernels.CircularOrbits(*star, lag, centre)
+        circles = kernels.CircularOrbits(*star, lag, centre, self.scene.model.polar)
         two_way = star[0] > 0.0 and state.gas is not None and self.drag is not None and not state.dust_is_passive
         gained = np.empty(dust.count if two_way else 0)
         before = copied(dust.pos) if two_way else dust.pos
@@ -186,7 +180,9 @@ class Effect(base.Effect):
         if self.scene.space.boundary == "periodic":
             parallel_for(moves.wrap, dust.count, dust.pos, np.array(self.scene.space.size))
         if two_way:
-            sampler.subtract_angular_momentum(gained * dust.mass, before, dust.pos, gas[:, kernels.DENSITY], centre)
+            self.sampler.subtract_angular_momentum(
+                gained * dust.mass, before, dust.pos, gas[:, kernels.DENSITY], centre
+            )
 
     def _turbulence(self, state: State) -> tuple[np.ndarray, Any]:
         """Return (row, turbulence) for the kernels.
@@ -202,60 +198,6 @@ class Effect(base.Effect):
             *self.table, self.constant, self.uses_stokes, *state.central, diffusion.frequency(self.scene),
             law.code if law else 0, grains,
         )  # fmt: skip
-
-
-class _GasSampler:
-    """Sampler of the gas at the positions of dust particles, from gas particles, a prescribed disc, or uniform gas."""
-
-    def __init__(self, effect: Effect, state: State) -> None:
-        self.effect, self.state = effect, state
-        self.gas = meeting.GasCells(effect.sph, state.gas) if effect.sph is not None else None
-
-    def at(self, pos: np.ndarray) -> np.ndarray:
-        """Return gas properties (n, 3 + 2 d) at the dust positions `pos` (n, d).
-
-        `kernels/dust/diffusion.py` has the order of the properties.
-        """
-        effect, state, columns = self.effect, self.state, 3 + 2 * self.effect.dim
-        if effect.sph is None:
-            field = np.zeros((len(pos), columns))
-            if self.effect.scene.model.given is None:
-                field[:, kernels.DENSITY], field[:, kernels.LENGTH] = 1.0, math.inf
-                return field
-            parallel_for(kernels.write_gas_of_disc, len(pos), pos, effect.drag.kernel_disc(state.central_mass), field)
-            return field
-        gas, met = state.gas, self.gas.neighbours_of(pos, state.dust.global_index)
-        speed2 = thermal_speed(effect.scene, gas) ** 2
-        field = np.zeros((len(met.grain_pos), columns))
-        parallel_for(
-            kernels.gas_driver(effect.sph.kernel, effect.dim), len(met.grain_cells.filled), met.grain_cells, met.cells,
-            met.grain_pos, met.h, met.gas.with_ghosts(gas.mass), met.gas.with_ghosts(speed2), field,
-            least=neighbours.LEAST, each=met.gas_about,
-        )  # fmt: skip
-        return field[met.grains.local_rows]
-
-    def subtract_angular_momentum(
-        self, gained: np.ndarray, start: np.ndarray, end: np.ndarray, density: np.ndarray, centre: np.ndarray
-    ) -> None:
-        """Change gas velocities so that the gas loses the angular momenta `gained` (n,) that grains gain in a substep.
-
-        start, end (n, d): positions of the grains before and after the substep. Gas near the middle of the substep
-        loses the angular momentum or, if there is no gas, gas near `start`. density (n,): density of the gas at
-        `start`. centre (4,): position and velocity of the disc's centre.
-        """
-        effect, gas = self.effect, self.state.gas
-        middle = 0.5 * (start + end)
-        middle_density = self.at(middle)[:, kernels.DENSITY].copy()
-        empty = middle_density == 0.0
-        middle[empty], middle_density[empty] = start[empty], density[empty]
-        met = self.gas.neighbours_of(middle, self.state.dust.global_index)
-        per_density = np.divide(gained, middle_density, out=np.zeros(len(gained)), where=middle_density != 0.0)
-        vel = met.gas.with_ghosts(gas.vel)
-        parallel_for(
-            kernels.recoil_driver(effect.sph.kernel), len(met.cells.filled), met.cells, met.grain_cells, met.pos, met.h,
-            met.grains.with_ghosts(per_density), centre, vel, least=neighbours.LEAST, each=met.grains_about,
-        )  # fmt: skip
-        gas.vel[:] = vel[met.gas.local_rows]
 
 
 def _diffusion_rows(scene: Scene, at: base.GasSamples) -> Iterator[tuple[str, str]]:
@@ -281,7 +223,7 @@ def _diffusion_warnings(scene: Scene, at: base.GasSamples) -> Iterator[str]:
             key = "D" if scene.table("dust_diffusion").D is not None else "alpha"
             yield (
                 f"dust diffusion needs about {steps[worst]:.3g} substeps per time step {at.where(worst)}, each of "
-                f"at most h/2: lower dust_diffusion.{key} or run.courant"
+                f"at most {sampler_class(scene).longest}: lower dust_diffusion.{key} or run.courant"
             )
             return
 

@@ -21,7 +21,8 @@ class GasModel:
     replace the usual ones, by the name of their table. table: name of the table with the equation of state of the gas.
     given: function (scene) that returns prescribed gas, which has no particles; None for other gas. cells: whether gas
     and dust are fluids on a fixed 1D grid; each entry of a particle array is then a grid cell. polar: whether the gas
-    is in cells of a polar grid, and dust consists of particles.
+    is in cells of a polar grid, and dust consists of particles. sampler: "module:object" of the class that samples the
+    gas at the positions of grains (`effects/sampling.py`).
     """
 
     applies_to: Callable[[Scene], bool]
@@ -30,6 +31,7 @@ class GasModel:
     given: Callable[[Scene], PrescribedDisc] | None = None
     cells: bool = False
     polar: bool = False
+    sampler: str = "discsim.effects.sampling:SphSampler"
 
     @property
     def star_in_kick(self) -> bool:
@@ -42,6 +44,7 @@ GIVEN_DISC = GasModel(
     effects={"dust": "discsim.effects.given_disc:Dust", "drag": "discsim.effects.given_disc:Drag"},
     table="background",
     given=PrescribedDisc,
+    sampler="discsim.effects.sampling:DiscSampler",
 )
 
 FIXED_CELLS = GasModel(
@@ -58,6 +61,7 @@ POLAR_CELLS = GasModel(
         "alpha_viscosity": "discsim.effects.polar:Viscosity",
     },
     polar=True,
+    sampler="discsim.effects.sampling:PolarSampler",
 )
 
 SPH = GasModel(applies_to=lambda scene: True)

@@ -119,7 +119,7 @@ def _inner_edge(draft: Draft) -> float | None:
 
 def _effect_problems(draft: Draft) -> Iterator[Problem]:
     """Yield problems of effects that need gas particles."""
-    for table, what in (("growth", "growth of dust"), ("dust_diffusion", "diffusion of dust")):
+    for table, what in (("growth", "growth of dust"),):
         if draft.has(table):
             yield (table,), f'{what} needs neighbours among gas particles; set gas.method = "sph", or remove [{table}]'
     if draft.has("shearing_box"):

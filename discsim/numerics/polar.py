@@ -17,9 +17,10 @@ from typing import Any
 import numpy as np
 
 from discsim.formulas.polar import ring_sides
-from discsim.kernels.polar import forces, transport, viscosity
+from discsim.kernels.polar import forces, sampling, transport, viscosity
 from discsim.kernels.polar.geometry import ENERGY, GHOSTS, Geometry, fill_force_ghosts, fill_ghosts
 from discsim.kernels.polar.parabola import side_coefficients
+from discsim.numerics.sorting import counting_sort
 from discsim.numerics.threads import parallel_for
 
 Array = np.ndarray
@@ -176,3 +177,48 @@ class PolarCells:
             self.fields, self.new = self.new, self.fields
         self.for_rings(transport.pack, self.fields, dt, g, *polar, energy)
         return lost
+
+
+class PolarGrains:
+    """Grains among polar cells: their places, and sums over them in cells.
+
+    pos (n, 2): positions of the grains. ids (n,): their ids, for the order of sums. geometry: of the cells. places: for
+    kernels.
+    """
+
+    def __init__(self, geometry: Geometry, pos: Array, ids: Array) -> None:
+        self.geometry, self.ids = geometry, ids
+        self.shape = rings, angles = len(geometry.radius), len(geometry.cos)
+        count = len(pos)
+        self.places = sampling.PolarPlaces(np.empty(count, np.int32), np.empty(count, np.int32), np.empty((count, 2)))
+        self.cell = np.empty(count, np.int64)
+        edges = geometry.sides[0], rings / math.log(geometry.sides[-1] / geometry.sides[0])
+        parallel_for(
+            sampling.find_places, count, pos, *edges, rings, geometry.angle, angles, self.places, self.cell
+        )  # fmt: skip
+
+    @cached_property
+    def sorted(self) -> sampling.SortedGrains:
+        """The grains sorted by cells, and by ids within a cell."""
+        return sampling.SortedGrains(*counting_sort(self.cell, math.prod(self.shape) + 1, self.ids))
+
+    @property
+    def outside(self) -> Array:
+        """Mask (n,) of grains beyond the edges of the grid."""
+        return self.places.ring < 0
+
+    def for_rings(self, kernel: Callable[..., Any], *arguments: Any) -> list[Any]:
+        """Run `kernel(first, last, *arguments)` on chunks of the rings; return the results, in the order of chunks."""
+        return parallel_for(kernel, self.shape[0], *arguments, least=max(1, CHUNK // self.shape[1]))
+
+    def sum_weights(self, values: Array) -> Array:
+        """Return the sum (n,) of weights times `values` (cells,) at each grain; 0 beyond the edges."""
+        out = np.empty(len(self.cell))
+        parallel_for(sampling.sum_weights, len(out), self.places, values.reshape(self.shape), out)
+        return out
+
+    def spread(self, values: Array) -> Array:
+        """Return the sum (cells,) of weights times `values` (n,) over the grains near each cell."""
+        out = np.empty(self.shape)
+        self.for_rings(sampling.spread, self.places, self.sorted, values, out)
+        return out.ravel()

@@ -327,10 +327,6 @@ WRONG = {
         {"gas": {"method": "sph"}, "damping": {"inner": [0.6, 0.7], "surface_density": True}},
         "damping.surface_density: only gas on a polar grid relaxes its surface density; remove this key",
     ),
-    "diffusion": (
-        {"dust": DUSTY["dust"], "drag": DUSTY["drag"], "alpha_viscosity": {"alpha": 0.01}, "dust_diffusion": {}},
-        "dust_diffusion: diffusion of dust needs neighbours",
-    ),
 }  # fmt: skip
 
 

@@ -77,6 +77,7 @@ class CircularOrbits(NamedTuple):
     softening: float
     lag: float  # time by which velocities are behind the positions
     centre: np.ndarray  # (4,): position and velocity of the centre
+    polar: bool  # whether grains drift in polar coordinates: only radial velocities are then behind
 
 
 @njit(inline="always")
@@ -345,8 +346,11 @@ def shift_velocity(i, pos, vel, u, v, circles, gained):
 def lagging_orbit(r, sense, circles):
     """Return the radial and azimuthal velocity on a circular orbit of radius r, `lag` before the time of the position.
 
-    This is the circular velocity turned back by asin(Omega lag). sense: 1 if the orbit is anticlockwise, else -1.
+    This is the circular velocity turned back by asin(Omega lag) or, if the drift is in polar coordinates, without the
+    radial kick of `lag`. sense: 1 if the orbit is anticlockwise, else -1.
     """
     omega = orbital_frequency(r * r, circles.star, circles.softening)
+    if circles.polar:
+        return omega * omega * r * circles.lag, sense * omega * r
     sine = min(1.0, omega * circles.lag)
     return omega * r * sine, sense * omega * r * math.sqrt(1.0 - sine * sine)
