@@ -244,9 +244,7 @@ class Engine:
         """Return the context of a kick. heat (n,): output array for the heat, or an empty array."""
         ratios = [population.ratio for population in self.scene.dust]
         double_hump = self.scene.drag.kernel == "double-hump"
-        return KickContext(
-            self.dim, self.period, heat, self.buffers, self._new_sph, ratios, double_hump, self.geometry
-        )
+        return KickContext(self.dim, self.period, heat, self.buffers, self._new_sph, ratios, double_hump, self.geometry)
 
     def _new_sph(self) -> Any:
         """Return an object for SPH sums that need no velocities, with the options of the scene."""

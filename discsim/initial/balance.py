@@ -80,9 +80,7 @@ class Equilibrium:
     particles includes small dust. drifts: whether dust starts with its drift.
     """
 
-    def __init__(
-        self, state: State, effects: dict[str, Any], pressure: Callable[[Array], Array] | None = None
-    ) -> None:
+    def __init__(self, state: State, effects: dict[str, Any], pressure: Callable[[Array], Array] | None = None) -> None:
         self.scene, self.effects, self.pressure = state.scene, effects, pressure
         self.gravity = mean_gravity(state, effects)
         self.has_small_dust = "growth" in effects and growth.gas_mass_includes_small_dust(state.scene)

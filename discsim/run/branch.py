@@ -20,6 +20,7 @@ from discsim.scene import Scene, load_scene
 from discsim.scene.differences import differences
 from discsim.scene.messages import value_at
 from discsim.scene.reading import parse_scene, read_scene_text
+from discsim.scene.tomltext import inline
 
 
 class BranchError(UserError):
@@ -85,7 +86,7 @@ def _initial_table(path: Path, file: str, has_reference: bool) -> str:
     radius = was.get("reference_radius", was.get("radius"))  # a ring refers to its own radius
     if has_reference and radius is not None:
         entries["reference_radius"] = radius
-    return "{" + ", ".join(f"{key} = {json.dumps(value)}" for key, value in entries.items()) + "}"
+    return inline(entries)
 
 
 def _refuse_lost_temperature(before: Scene, settings: Sequence[str]) -> None:

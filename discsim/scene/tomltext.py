@@ -6,6 +6,7 @@ no syntax.
 
 from __future__ import annotations
 
+import json
 import re
 import tomllib
 from bisect import bisect_right
@@ -98,6 +99,15 @@ def dump(data: dict[str, Any]) -> str:
     import tomlkit
 
     return tomlkit.dumps(data)
+
+
+def inline(value: Any) -> str:
+    """Return a TOML value as text in one line, tables in braces."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key} = {inline(each)}" for key, each in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(inline, value)) + "]"
+    return json.dumps(value)
 
 
 class _Scanner:

@@ -21,6 +21,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from discsim.drag.published.fixed_grid import OF_SPH
 from discsim.drag.width import in_lengths
 from discsim.effects import effect_classes
 from discsim.formulas.smoothing import SMOOTHING
@@ -31,12 +32,13 @@ from discsim.scene.differences import differences
 from discsim.scene.fields import choices_in
 from discsim.scene.messages import value_at
 from discsim.scene.rules import Draft, longest_courant
+from discsim.scene.tomltext import inline
 from discsim.study.points import Settings, StudyError, Varied
 from discsim.study.trials import UNITS_PER_RUNG, GridPoint
 
 # Numeric keys with the factor of one rung. `particles` and `neighbours` have their own factors, below.
 NUMBERS = {"run.courant": 0.5**0.5, "run.timestep": 0.5**0.5, "space.cells": 2.0, "drag.cell": 0.5}
-CHOICES = ("drag.scheme", "gas.kernel", "gas.precision")
+CHOICES = ("gas.method", "drag.scheme", "gas.kernel", "gas.precision")
 MORE_PARTICLES = 2.0
 # Factor of one rung, and stride in half rungs, by dimensions: in 1D the density is right only if h is a whole number of
 # particle spacings (`formulas/smoothing.py`).
@@ -217,7 +219,7 @@ class Knobs:
                 continue
             own = getattr(scene.table(table), name)
             others = [word for word in choices_in(field.annotation) if word != own]
-            write = _write_kernel if key == "gas.kernel" else _write_word(key)
+            write = WRITERS.get(key) or _write_word(key)
             words = [word for word in others if self._is_valid(write(self.base, word))]
             if words:
                 yield _choice_knob(key, (key,), write, words)
@@ -313,6 +315,16 @@ def _write_kernel(base: Base, word: str) -> Settings:
     of_dimension = base.scene.space.dimensions - 1
     usual = [SMOOTHING[name].eta[of_dimension] for name in (base.scene.gas.kernel, word)]
     return {"gas.kernel": word, "gas.eta": f"{eta * usual[1] / usual[0]:.4g}"}
+
+
+def _write_method(base: Base, word: str) -> Settings:
+    """Return the settings for gas of the method `word`, without keys that only other methods use."""
+    unused = OF_SPH if word == "grid" else ("grid",)
+    kept = {key: value for key, value in base.data["gas"].items() if key not in unused}
+    return {"gas": inline(kept | {"method": word})}
+
+
+WRITERS: dict[str, Write] = {"gas.method": _write_method, "gas.kernel": _write_kernel}
 
 
 def _write_cells(base: Base, factor: float) -> Settings:

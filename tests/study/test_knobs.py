@@ -42,9 +42,10 @@ def wave():
 
 def test_a_scene_has_the_knobs_of_what_it_has(twin, wave):
     both = ["drag.scheme", "gas.kernel", "gas.precision", "particles", "dust particles", "run.courant"]
-    assert names(twin) == [*both, "space.cells", "drag.cell", "neighbours"]
+    assert names(twin) == ["gas.method", *both, "space.cells", "drag.cell", "neighbours"]
     assert names(wave) == [*both, "drag.cell", "neighbours"]  # cells of drag in 1D are none of the grid's
     assert names(knobs_of("setups/gas_disc.toml")) == [
+        "gas.method",
         "gas.kernel",
         "gas.precision",
         "particles",
@@ -55,7 +56,7 @@ def test_a_scene_has_the_knobs_of_what_it_has(twin, wave):
 
 
 def test_schemes_are_those_of_the_registry_that_go_with_the_scene(twin):
-    words = twin.all[0].words
+    words = twin.all[1].words
     assert words[0] == "" and set(words[1:]) < set(SCHEMES)
     assert "idic-linear" in words and "emsi-ppm" not in words  # fluids on a 1D grid
 
@@ -76,16 +77,28 @@ def test_points_set_keys(twin, wave):
 
 
 def test_a_kernel_brings_its_own_eta(twin):
-    cubic = twin.all[1].words.index("cubic")
+    cubic = twin.all[2].words.index("cubic")
     assert twin.settings(point(twin, gas_kernel=cubic)) == {"gas.kernel": "cubic"}
     found = twin.settings(point(twin, gas_kernel=cubic, neighbours=2))
     assert float(found["gas.eta"]) == pytest.approx(1.25 * 1.345, rel=1e-3)
 
 
 def test_what_does_not_go_together_is_no_point(twin):
-    pairs = twin.all[0].words.index("mk")
+    pairs = twin.all[1].words.index("mk")
     assert twin.settings(point(twin, drag_scheme=pairs)) == {"drag.scheme": "mk"}
     assert twin.settings(point(twin, drag_scheme=pairs, drag_cell=2)) is None  # no such cells
+
+
+def test_the_method_of_the_gas_takes_its_own_keys_along():
+    """Particles of quiet gas on a grid, and cells as particles."""
+    for setup, word in (("ring_twoway", "grid"), ("planet_gap_grid", "sph")):
+        knobs = knobs_of(f"setups/{setup}.toml")
+        before = knobs.base.scene
+        found = knobs.settings(point(knobs, gas_method=1, particles=-2))
+        assert found["gas.particles"] == str(before.gas.particles // 2)
+        gas = knobs.load(found).gas
+        assert gas.method == word and gas.quiet is None and gas.grid is None
+        assert gas.eos == before.gas.eos
 
 
 def test_units_stay(tmp_path):
