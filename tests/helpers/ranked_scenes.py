@@ -9,7 +9,7 @@ from pathlib import Path
 import growing
 import numpy as np
 from drags import OF_PARTICLES, ON_GRID
-from runs import DISC, SHOCK, put_out
+from runs import DISC, RINGS, SHOCK, put_out
 
 from discsim import Simulation, load_scene
 from setups import SETUPS
@@ -169,16 +169,6 @@ EVERYTHING = {
     "growth": {"fragmentation_speed": 0.1, "alpha": 1e-3, "small_size": 1e-6, "small_ratio": 0.05},
 }  # fmt: skip
 
-RINGS = """
-units.system = "code"
-run.until = 10.0
-space = {size = 6.0, cells = 64}
-initial = {kind = "disc", surface_density = 1e-2, inner = 0.5, outer = 2.0, surface_density_index = 0.7}
-star.mass = 1.3
-gas = {method = "grid", particles = 4000, eos = {kind = "locally-isothermal", aspect_ratio = 0.07}}
-dust = {particles = 2000, ratio = 0.3}
-drag = {law = "stokes-number", stokes = 0.1}
-"""
 # Gas that loses mass at the edges of its disc.
 LOSING = {"gas": {"grid": {"inner": 0.55, "outer": 1.9, "edges": "open"}}}
 CLOSED_AND_WARM = {"eos": ADIABATIC | {"aspect_ratio": 0.07}, "grid": {"edges": "closed"}}

@@ -47,6 +47,19 @@ stokes = 0.1
 """
 
 
+RINGS = """\
+title = "gas on a polar grid, and dust"
+units.system = "code"
+run = {until = 2.5, every = 0.25}
+space = {size = 6.0, cells = 64}
+initial = {kind = "disc", surface_density = 1e-2, inner = 0.5, outer = 2.0, surface_density_index = 0.7}
+star.mass = 1.3
+gas = {method = "grid", particles = 4000, eos = {kind = "locally-isothermal", aspect_ratio = 0.07}}
+dust = {particles = 2000, ratio = 0.3}
+drag = {law = "stokes-number", stokes = 0.1}
+"""
+
+
 SHOCK = """\
 units.system = "code"
 [run]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from launched import ENVIRONMENT, LONGEST, MARKS, command_of, differing
 from recipes import PAGES, files_of, write_package
-from runs import DISC, assert_same_run
+from runs import DISC, RINGS, assert_same_files, assert_same_run
 
 import discsim
 from discsim import load_scene, read_snapshot
@@ -68,6 +68,22 @@ def test_another_number_of_ranks_goes_on(scene, one, tmp_path):
     assert on_ranks(3, scene, tmp_path / "run", settings=["run.until=0.25"]) == (0, "")
     assert on_ranks(2, scene, tmp_path / "run", "--resume") == (0, "")
     assert_same(one, tmp_path / "run")
+
+
+def test_gas_in_rings_goes_on_with_another_number_of_ranks(tmp_path):
+    """With all that acts on it at once. Files are the same too, but the seconds in costs.csv and lines of run.log."""
+    path, one, others = (tmp_path / name for name in ("rings.toml", "one", "others"))
+    path.write_text(RINGS)
+    settings = [
+        'gas.eos={kind = "adiabatic", gamma = 1.3, aspect_ratio = 0.07}',
+        'companion=[{mass = 3e-3, semi_major_axis = 1.1, softening = 0.05, orbit = "live"}]',
+        "self_gravity.softening=0.05", 'cooling={kind = "beta", beta = 7.0}', "alpha_viscosity.alpha=0.01",
+        "damping.outer=[1.7, 2.0]", "run.every=0.1",
+    ]  # fmt: skip
+    assert run_scene(load_scene(path, [*settings, "run.until=0.3"]), one, quiet=True) == 0
+    for number, until, more in ((3, 0.1, []), (2, 0.2, ["--resume"]), (4, 0.3, ["--resume"])):
+        assert on_ranks(number, path, others, *more, settings=[*settings, f"run.until={until}"]) == (0, "")
+    assert_same_files(one, others)
 
 
 def test_what_cannot_run_is_refused_once(scene, tmp_path):

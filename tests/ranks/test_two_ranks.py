@@ -1,9 +1,10 @@
-"""One run on two MPI ranks, gone on with on one: what every change must keep of all that `test_ranks.py` shows."""
+"""Runs on two MPI ranks that one goes on with: what every change must keep of all that `test_ranks.py` shows."""
 
 import subprocess
 
+import pytest
 from launched import ENVIRONMENT, LONGEST, command_of, needs_mpi
-from runs import DISC, assert_same_run
+from runs import DISC, RINGS, assert_same_run
 
 from discsim.run.runner import run_scene
 from discsim.scene import load_scene
@@ -12,10 +13,13 @@ pytestmark = needs_mpi
 UNTIL = ["run.until=0.5"]  # five steps, of which the first sorts; the star takes gas and dust in each
 
 
-def test_two_ranks_and_then_one_have_the_bits_of_one(tmp_path):
-    """Gas and dust that go from rank to rank, with self-gravity, two-way drag and a star that takes of both."""
+@pytest.mark.parametrize("text", [DISC, RINGS], ids=["particles", "rings"])
+def test_two_ranks_and_then_one_have_the_bits_of_one(text, tmp_path):
+    """Gas and dust that go from rank to rank, with self-gravity, two-way drag and a star that takes of both; and rings
+    of gas in polar cells, with open edges.
+    """
     path, one, two = (tmp_path / name for name in ("disc.toml", "one", "two"))
-    path.write_text(DISC)
+    path.write_text(text)
     scene = load_scene(path, UNTIL)
     assert run_scene(scene, one, quiet=True) == 0
     command = command_of(2, path, two, ["run.until=0.25"])
