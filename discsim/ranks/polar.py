@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 Array = np.ndarray
 # The flux through a side depends on the parabolas of two rings on both sides, and a parabola on two more rings.
 HALO = 2 + GHOSTS
-CELL_COST = {"gas": 2.0, "dust": 1.0}  # relative cost of a cell and of a grain per step, with drag
+CELL_COST = {"gas": 1.0, "dust": 1.0}  # relative cost of a cell and of a grain per step, with drag (2026-11)
 FINER = 4  # number of tiles along a side, over that of other runs
 
 
