@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from drags import ON_GRID
+from drags import ON_GRID, POLAR
 
 from discsim import SceneError, Simulation, parts, read_snapshot
 from discsim.output.history import history_row
@@ -65,7 +65,11 @@ class StuckError(Exception):
     """A scene that does not end."""
 
 
-def scene_of(seed: int, schemes: tuple[str, ...] = tuple(SCHEMES), kernels: tuple[str, ...] = tuple(KERNELS)) -> dict:
+# Gas on a polar grid is drawn by `randomscenes.py`.
+WITHOUT_GRID = tuple(name for name in SCHEMES if name not in POLAR)
+
+
+def scene_of(seed: int, schemes: tuple[str, ...] = WITHOUT_GRID, kernels: tuple[str, ...] = tuple(KERNELS)) -> dict:
     """A scene: one that hangs together, some of its other keys set, at times one of them or a table put wrong."""
     rng = np.random.default_rng([seed, 7])
 

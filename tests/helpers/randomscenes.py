@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 import pytest
 import tomlkit
-from drags import ON_GRID
+from drags import ON_GRID, POLAR
 from runs import assert_same_files, at_step, errors_of, on_threads, put_out
 
 from discsim import SceneError, Simulation, load_scene, parts
@@ -139,7 +139,7 @@ def draw(seed: int, attempt: int = 0) -> dict[str, Any]:
     start = starts[seed % len(starts)]
     effects = [name for name in parts.EFFECTS if name not in ("gas", "dust", "drag", "star", "shearing_box")]
     effect = effects[(seed // 2) % len(effects)]  # so that starts of discs meet all of them
-    schemes, laws, gases = list(parts.SCHEMES), list(parts.LAWS), list(parts.EOS)
+    schemes, laws, gases = [n for n in parts.SCHEMES if n not in POLAR], list(parts.LAWS), list(parts.EOS)
     scheme, law, gas = (
         schemes[(seed // 3) % len(schemes)],
         laws[(seed // 4) % len(laws)],
@@ -201,7 +201,7 @@ def _consistent_drag(scene: dict[str, Any], drag: dict[str, Any]) -> None:
             drag.pop(key, None)
     if name not in ("mk", "lab14"):
         drag.pop("kernel", None)
-    if name not in ("idic", "idic-linear", "tsc"):
+    if name not in ("idic", "idic-linear", "tsc", *POLAR):
         drag.pop("integration", None)
     if name in ON_GRID or not drag["law"].startswith("epstein"):
         drag.pop("supersonic", None)
@@ -382,7 +382,9 @@ def _on_a_polar_grid(s: Scribe, scene: dict[str, Any]) -> dict[str, Any]:
             companion.pop(key, None)
     scene["initial"].pop("relax", None)
     scene["run"].pop("integrator", None)
-    if parts.SCHEMES[scene.get("drag", {}).get("scheme", "tsc")].cells is None:
+    if "drag" in scene and s.chance(0.5):
+        scene["drag"]["scheme"] = s.pick(POLAR)
+    elif parts.SCHEMES[scene.get("drag", {}).get("scheme", "tsc")].cells is None:
         scene["drag"]["scheme"] = "tsc"
     if "damping" in scene and s.chance(0.5):
         scene["damping"]["surface_density"] = True
