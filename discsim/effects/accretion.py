@@ -49,15 +49,28 @@ def accrete(state: State, number: int, name: str, gone: np.ndarray, masses: Accr
     body also gains their momentum and moves to the common barycentre. With one-way drag, accreted dust is recorded but
     does not change the body, as a heavier body would change the motion of the gas.
     """
-    bodies, particles = state.bodies, state.species[name]
+    particles = state.species[name]
+    taken = particles.mass[gone], particles.pos[gone], particles.vel[gone]
+    add_to_body(state, number, name, taken, masses, grows and not (name == "dust" and state.dust_is_passive), moves)
+
+
+def add_to_body(
+    state: State, number: int, name: str, taken: tuple[np.ndarray, ...], masses: Accreted, grows: bool, moves: bool
+) -> None:
+    """Add accreted matter to a body in `state.bodies`.
+
+    taken: masses (k,), positions (k, 2) and velocities (k, 2) of the matter. Other parameters are those of `accrete`.
+    """
+    bodies = state.bodies
     bodies.accreted[number, SPECIES.index(name)] += masses.own
     if masses.small > 0.0:
         bodies.accreted[number, SPECIES.index("dust")] += masses.small
-    if not grows or (name == "dust" and state.dust_is_passive):
+    if not grows:
         return
     after = bodies.mass[number] + masses.mass
     if moves:
-        for own, theirs in ((bodies.pos, particles.pos[gone]), (bodies.vel, particles.vel[gone])):
-            own[number] += totals(particles.mass[gone, None] * (theirs - own[number])) / after
+        mass, *theirs = taken
+        for own, other in zip((bodies.pos, bodies.vel), theirs, strict=True):
+            own[number] += totals(mass[:, None] * (other - own[number])) / after
     bodies.gained[number] += masses.mass
     bodies.mass[number] = after

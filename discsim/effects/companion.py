@@ -47,6 +47,7 @@ from discsim.scene.keys import Companion as Keys
 from discsim.scene.rules import Draft, Problem, missing_tables
 
 if TYPE_CHECKING:
+    from discsim.numerics.bodies import Bodies
     from discsim.scene import Scene
     from discsim.scene.units import Units
 
@@ -288,10 +289,12 @@ class Effect(base.Effect):
 
     def _accretion_probability(self, state: State, k: int) -> float:
         """Return the probability that companion `k` accretes a particle within its radius after a step."""
-        bodies = state.bodies
+        return -math.expm1(-self.companions[k].accretion_rate * self._dt / self.period(state.bodies, k))
+
+    def period(self, bodies: Bodies, k: int) -> float:
+        """Return the period of a circular orbit at the present distance of companion `k`."""
         r = math.dist(bodies.pos[k + 1], bodies.pos[0])
-        period = 2.0 * math.pi * math.sqrt(r**3 / (bodies.mass[0] + bodies.mass[k + 1]))
-        return -math.expm1(-self.companions[k].accretion_rate * self._dt / period)
+        return 2.0 * math.pi * math.sqrt(r**3 / (bodies.mass[0] + bodies.mass[k + 1]))
 
     def potential_energy(self, state: State) -> float:
         """Return the total potential energy of gas and dust in the field of the companions."""

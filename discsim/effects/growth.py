@@ -36,7 +36,6 @@ from discsim.scene.keys import Sizes
 from discsim.scene.rules import Draft, Problem, missing_tables
 
 if TYPE_CHECKING:
-    from discsim.numerics.meeting import GasDustNeighbours
     from discsim.scene import Scene
 
 kernels = Lazy("discsim.kernels.dust.growth")
@@ -157,7 +156,6 @@ class Effect(base.Effect):
 
     def __init__(self, scene: Scene, state: State) -> None:
         self.scene = scene
-        self.sph = smoothing.Sph(scene)
         self.mass_includes_small = growth.gas_mass_includes_small_dust(scene)
         law, (dust,), own = SceneLaw(scene), scene.dust or (), scene.table("growth")
         all_dust = float(state.dust.mass.sum() + state.gas.small.sum())
@@ -200,75 +198,30 @@ class Effect(base.Effect):
         """
         dust = state.dust
         centre = np.zeros(2) if state.centre is None else state.centre[0]
-        met = meeting.GasCells(self.sph, state.gas).neighbours_of(dust.pos, dust.global_index)
-        field = self._surroundings(state, met, centre)
-        local = field[met.grains.local_rows]
+        around = self.gas_around(state)
+        field = around.find(centre)
         wanted = np.empty(dust.count)
         r = np.sqrt(((dust.pos - centre) ** 2).sum(axis=1))
         # The kernel skips grains at the centre of the star.
         omega = state.kepler_omega(r)
-        alpha = growth.alpha(self.scene, r, local[:, kernels.SPEED2], omega)
+        alpha = growth.alpha(self.scene, r, field[:, kernels.SPEED2], omega)
         dust.size = dust.size.copy()  # a new array shows `Classes.sort` that sizes have changed
         rates = parallel_for(
-            kernels.grow, dust.count, dt, *state.central, dust.pos, centre, local, alpha,
+            kernels.grow, dust.count, dt, *state.central, dust.pos, centre, field, alpha,
             self.grains, dust.mass, dust.size, wanted,
         )  # fmt: skip
-        self._exchange_mass(state, met, field, wanted)
+        self._change_gas(state, *around.exchange(wanted))
         # The gas around a slowly growing grain may change within an orbit.
         fastest = max(*rates, float(omega.max(initial=0.0)) * GROWTH_STEP / (2.0 * math.pi))
         return float(world.processes.max(fastest))
 
-    def _surroundings(self, state: State, met: GasDustNeighbours, centre: np.ndarray) -> np.ndarray:
-        """Return properties (n, COLUMNS) of the gas and dust around each dust particle, including ghost particles.
+    def gas_around(self, state: State) -> GasAroundGrains:
+        """Return the gas around the dust of `state`."""
+        return GasAroundGrains(state, self.mass_includes_small)
 
-        met: gas and dust neighbours. centre (2,): position of the centre of the disc.
-        """
-        gas, dust = state.gas, state.dust
-        deposit, field = np.empty(len(met.pos)), np.empty((len(met.grain_pos), kernels.COLUMNS))
-        parallel_for(
-            sums.deposit_driver(self.sph.kernel), len(met.cells.filled), met.cells, met.grain_cells, met.pos, met.h,
-            met.grains.with_ghosts(dust.mass), deposit, least=neighbours.LEAST, each=met.grains_about,
-        )  # fmt: skip
-        met.gas.update_ghosts(deposit)
-        parallel_for(
-            sums.gather_driver(self.sph.kernel), len(met.grain_cells.filled), met.grain_cells, met.cells,
-            met.grain_pos, centre, self._carriers(state, met), met.gas.with_ghosts(gas.mass / gas.density),
-            met.gas.with_ghosts(gas.pressure), deposit, field, least=neighbours.LEAST, each=met.gas_about,
-        )  # fmt: skip
-        met.grains.update_ghosts(field)
-        return field
-
-    def _carriers(self, state: State, met: GasDustNeighbours) -> Any:
-        """Return arrays of the gas particles, which carry the small dust, including ghost particles."""
+    def _change_gas(self, state: State, taken: np.ndarray, got: np.ndarray) -> None:
+        """Change small dust and, with two-way drag, masses and velocities of the gas: result of `exchange`."""
         gas = state.gas
-        mass = gas.mass - gas.small if self.mass_includes_small else gas.mass
-        return sums.CarrierGas(met.pos, *(met.gas.with_ghosts(array) for array in (gas.vel, gas.h, mass, gas.small)))
-
-    def _exchange_mass(self, state: State, met: GasDustNeighbours, field: np.ndarray, wanted: np.ndarray) -> None:
-        """Exchange mass between dust particles and the small dust of the gas around them.
-
-        met: gas and dust neighbours. field: result of `_surroundings`. wanted (n,): mass that each dust particle
-        should gain; a particle gains less if the gas around it has too little small dust. Changes masses and
-        velocities of the dust and, with two-way drag, of the gas.
-        """
-        gas, dust, own = state.gas, state.dust, met.gas.local_rows
-        taken, spread = np.empty((2, len(met.pos)))
-        got = np.empty((len(met.pos), 3))
-        carriers = self._carriers(state, met)
-        wanted, mass, vel = (met.grains.with_ghosts(array) for array in (wanted, dust.mass, dust.vel))
-        parallel_for(
-            exchange.exchange_gas_driver(self.sph.kernel),
-            len(met.cells.filled), met.cells, met.grain_cells, carriers, vel, field, wanted, taken, spread, got,
-            least=neighbours.LEAST, each=met.grains_about,
-        )  # fmt: skip
-        met.gas.update_ghosts(spread)
-        parallel_for(
-            exchange.exchange_dust_driver(self.sph.kernel),
-            len(met.grain_cells.filled), met.grain_cells, met.cells, carriers, spread, field, wanted, met.grain_pos,
-            mass, vel, least=neighbours.LEAST, each=met.gas_about,
-        )  # fmt: skip
-        dust.mass[:], dust.vel[:] = mass[met.grains.local_rows], vel[met.grains.local_rows]
-        taken, got = taken[own], got[own]
         lost = gas.small * taken
         gas.small += got[:, 0] - lost
         if not self.mass_includes_small:
@@ -279,6 +232,96 @@ class Effect(base.Effect):
             if per_mass is not None:
                 per_mass *= gas.mass / after
         gas.mass[:] = after
+
+
+class GasAroundGrains:
+    """Gas particles around dust particles, and the exchange of mass between them.
+
+    state: with gas and dust. mass_includes_small: whether the mass of the gas includes small dust.
+    """
+
+    def __init__(self, state: State, mass_includes_small: bool) -> None:
+        gas, dust = state.gas, state.dust
+        self.gas, self.dust = gas, dust
+        self.carried = gas.mass - gas.small if mass_includes_small else gas.mass  # mass of the gas without small dust
+        self.search(state)
+
+    def search(self, state: State) -> None:
+        """Find the gas around each dust particle."""
+        self.sph = smoothing.Sph(state.scene)
+        self.met = meeting.GasCells(self.sph, self.gas).neighbours_of(self.dust.pos, self.dust.global_index)
+
+    def find(self, centre: np.ndarray) -> np.ndarray:
+        """Return the properties of gas and dust around each dust particle.
+
+        Parameters
+        ----------
+        centre : ndarray, shape (2,)
+            Position of the centre of the disc.
+
+        Returns
+        -------
+        ndarray, shape (n, COLUMNS)
+            Surroundings in the columns of `kernels/dust/growth.py`.
+        """
+        gas, met = self.gas, self.met
+        deposit, self.field = np.empty(len(met.pos)), np.empty((len(met.grain_pos), kernels.COLUMNS))
+        parallel_for(
+            sums.deposit_driver(self.sph.kernel), len(met.cells.filled), met.cells, met.grain_cells, met.pos, met.h,
+            met.grains.with_ghosts(self.dust.mass), deposit, least=neighbours.LEAST, each=met.grains_about,
+        )  # fmt: skip
+        met.gas.update_ghosts(deposit)
+        parallel_for(
+            sums.gather_driver(self.sph.kernel), len(met.grain_cells.filled), met.grain_cells, met.cells,
+            met.grain_pos, centre, self._carriers(), met.gas.with_ghosts(gas.mass / gas.density),
+            met.gas.with_ghosts(gas.pressure), deposit, self.field, least=neighbours.LEAST, each=met.gas_about,
+        )  # fmt: skip
+        met.grains.update_ghosts(self.field)
+        return self.field[met.grains.local_rows]
+
+    def _carriers(self) -> Any:
+        """Return arrays of the gas particles, which carry the small dust, including ghost particles."""
+        gas, with_ghosts = self.gas, self.met.gas.with_ghosts
+        return sums.CarrierGas(
+            self.met.pos, *(with_ghosts(array) for array in (gas.vel, gas.h, self.carried, gas.small))
+        )
+
+    def exchange(self, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Exchange mass between dust particles and the small dust of the gas around them.
+
+        Masses and velocities of the dust change. `find` has to be called before.
+
+        Parameters
+        ----------
+        wanted : ndarray, shape (n,)
+            Mass that each dust particle should gain; a particle gains less if the gas around it has too little small
+            dust.
+
+        Returns
+        -------
+        taken : ndarray, shape (gas,)
+            Fraction of the small dust of each gas particle that is taken.
+        got : ndarray, shape (gas, 3)
+            Mass that each gas particle receives, and the momentum that it receives minus the momentum that is taken.
+        """
+        dust, met, own = self.dust, self.met, self.met.gas.local_rows
+        taken, spread = np.empty((2, len(met.pos)))
+        got = np.empty((len(met.pos), 3))
+        carriers = self._carriers()
+        wanted, mass, vel = (met.grains.with_ghosts(array) for array in (wanted, dust.mass, dust.vel))
+        parallel_for(
+            exchange.exchange_gas_driver(self.sph.kernel),
+            len(met.cells.filled), met.cells, met.grain_cells, carriers, vel, self.field, wanted, taken, spread, got,
+            least=neighbours.LEAST, each=met.grains_about,
+        )  # fmt: skip
+        met.gas.update_ghosts(spread)
+        parallel_for(
+            exchange.exchange_dust_driver(self.sph.kernel),
+            len(met.grain_cells.filled), met.grain_cells, met.cells, carriers, spread, self.field, wanted,
+            met.grain_pos, mass, vel, least=neighbours.LEAST, each=met.gas_about,
+        )  # fmt: skip
+        dust.mass[:], dust.vel[:] = mass[met.grains.local_rows], vel[met.grains.local_rows]
+        return taken[own], got[own]
 
 
 def _growth_rows(scene: Scene, at: base.GasSamples) -> Iterator[tuple[str, str]]:

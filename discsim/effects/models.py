@@ -59,6 +59,8 @@ POLAR_CELLS = GasModel(
         "gas": "discsim.effects.polar:Gas",
         "dust": "discsim.effects.polar:Dust",
         "alpha_viscosity": "discsim.effects.polar:Viscosity",
+        "companion": "discsim.effects.polar_accretion:Companion",
+        "growth": "discsim.effects.polar_growth:Growth",
     },
     polar=True,
     sampler="discsim.effects.sampling:PolarSampler",

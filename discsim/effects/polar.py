@@ -4,7 +4,7 @@ Pressure forces are in `kernels/polar/forces.py`, the motion of the gas through 
 viscous stress in `viscosity.py`. Each cell takes the place of a gas particle, at its centroid. The kick changes the
 velocities of the cells, as those of particles, by all forces and drag; it contains the pull of the star. The drift
 moves mass, momentum and energy between the cells. Gas and dust both drift in polar coordinates, so that circular orbits
-are exact at any step.
+are exact at any step. The star accretes gas that leaves an open inner edge.
 
 The step limit is the shortest of 1 / (c_s |(1/dr, 1/(r dphi))| + |v_r| / dr + 2 |v_phi - mean| / (r dphi)); with the
 mean rotation of a ring the step is not limited. Gas that leaves an open edge is counted with the accreted gas.
@@ -19,6 +19,7 @@ import numpy as np
 
 from discsim.drag.published.fixed_grid import OF_SPH
 from discsim.effects import alpha_viscosity, base, dust, gas
+from discsim.effects.accretion import Accreted, add_to_body
 from discsim.initial import balance, start_of
 from discsim.numerics import world
 from discsim.numerics.state import State
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
 
 polar = Lazy("discsim.numerics.polar")
 motion = Lazy("discsim.kernels.polar.dust")
+growth = Lazy("discsim.physics.growth")
 
 CELL_COST, HEAT_COST, VISCOUS_COST = 180.0, 120.0, 60.0  # CPU nanoseconds in a step, per cell
 UNSTABLE = 1.5  # step of growing sound waves, over the step limit
@@ -91,23 +93,22 @@ def _disc_problems(draft: Draft) -> Iterator[Problem]:
 
 
 def _star_problems(draft: Draft) -> Iterator[Problem]:
-    """Yield problems of a star that moves, or that accretes cells, and of companions that accrete."""
+    """Yield problems of a star that moves, or that accretes cells."""
     star = draft.star
     if star is not None:
         if star.frame != "star":
-            wrong = "the polar grid is at rest about the star"
+            wrong = "the polar grid is centred on the star"
             yield ("star", "frame"), f'{wrong}; set star.frame = "star", or gas.method = "sph"'
-        if star.grows:
-            wrong = "a star does not grow by gas that leaves a polar grid"
-            yield ("star", "grows"), f'{wrong}; remove this key, or set gas.method = "sph"'
         inner = _inner_edge(draft)
         if inner is not None and star.accretion_radius > inner:
             wrong = "the star would accrete cells of the polar grid"
             yield ("star", "accretion_radius"), f"{wrong}; expected at most the inner edge of the grid"
-    for k, companion in enumerate(draft.companion or ()):
-        if companion.accretion_radius:
-            wrong = "a companion cannot accrete cells of a polar grid"
-            yield ("companion", k, "accretion_radius"), f'{wrong}; remove this key, or set gas.method = "sph"'
+
+
+def leaves_inwards(draft: Draft) -> bool:
+    """Return whether gas leaves a polar grid of the draft through its inner edge."""
+    grid = None if draft.gas is None else draft.gas.grid
+    return draft.gas is not None and draft.gas.method == "grid" and (grid is None or grid.edges == "open")
 
 
 def _inner_edge(draft: Draft) -> float | None:
@@ -119,9 +120,6 @@ def _inner_edge(draft: Draft) -> float | None:
 
 def _effect_problems(draft: Draft) -> Iterator[Problem]:
     """Yield problems of effects that need gas particles."""
-    for table, what in (("growth", "growth of dust"),):
-        if draft.has(table):
-            yield (table,), f'{what} needs neighbours among gas particles; set gas.method = "sph", or remove [{table}]'
     if draft.has("shearing_box"):
         yield ("shearing_box",), 'a shearing box has no polar grid; set gas.method = "sph"'
     if draft.drag and not _takes_cells(draft.drag.scheme):
@@ -143,6 +141,7 @@ class Gas(gas.Effect):
 
     def __init__(self, scene: Scene, state: State) -> None:
         self.scene, self.quiet = scene, None
+        self._fallen = np.zeros(5)  # what left the inner edge in the last drift, as `PolarCells.move` returns it
         self.cells = polar.PolarCells(*polar_shape(scene))
         eos = scene.gas.eos
         # s of the pressure at the sides: (gamma + 1) / 4, or 1/2 for isothermal gas.
@@ -198,11 +197,14 @@ class Gas(gas.Effect):
         if scene.initial is None or start_of(scene).radial is None or not _has_cells(state):
             return
         disc = profile.radial(scene)
+        with_small = state.gas.small is not None and growth.gas_mass_includes_small_dust(scene)
 
         def given(r: np.ndarray) -> np.ndarray:
             with np.errstate(all="ignore"):
                 push = disc.pressure_acceleration(r)
-            return np.where((r > disc.inner) & (r < disc.outer) & np.isfinite(push), push, 0.0)
+            push = np.where((r > disc.inner) & (r < disc.outer) & np.isfinite(push), push, 0.0)
+            # Small dust is accelerated together with the gas.
+            return push / (1.0 + growth.small_ratio_at(scene, r, disc.dust_share)) if with_small else push
 
         equilibrium = balance.Equilibrium(state, dict(effects))
         pull = equilibrium.gravity(r)
@@ -240,6 +242,7 @@ class Gas(gas.Effect):
             base.Operator("gas.limit", slots.LIMIT, self.limit, frozenset({"gas.forces"})),
             base.Operator("gas.kick", slots.KICK, gas.kick_gas),
             base.Operator("gas.drift", slots.DRIFT, self.drift),
+            base.Operator("gas.event", slots.EVENT, self.event),
         ]  # fmt: skip
 
     def find_density(self, view: base.View | State) -> None:
@@ -311,13 +314,27 @@ class Gas(gas.Effect):
         """Move the gas between the cells, and record what leaves the edges in the ledger."""
         p, ledger = state.gas, state.ledger
         radial_first = (state.step + state.earlier) % 2 == 0
-        lost = self.cells.move(p.mass, p.vel, p.pressure, p.u, self.gamma, dt, radial_first)
-        # An edge belongs to one process, and the others add 0.
-        lost = world.processes.sum(lost).sum(axis=0)
+        edges = self.cells.move(p.mass, p.vel, p.pressure, p.u, self.gamma, dt, radial_first, p.small)
+        edges = world.processes.sum(edges)  # an edge belongs to one process, and the others add 0
+        lost = edges.sum(axis=0)
         if lost.any():
             ledger.accreted_gas += float(lost[0])
             ledger.accreted_momentum += lost[1:3]
             ledger.accreted_angular_momentum += float(lost[3])
+        if p.small is not None and lost[4] != 0.0:
+            ledger.accreted_small += float(lost[4])
+            if growth.gas_mass_includes_small_dust(self.scene):
+                ledger.accreted_gas -= float(lost[4])
+        self._fallen = edges[0]
+
+    def event(self, state: State) -> None:
+        """Let the star accrete the gas that left the inner edge in the step."""
+        mass, small = float(self._fallen[0]), float(self._fallen[4])
+        if mass == 0.0 or state.bodies is None or self.scene.star is None:
+            return
+        included = small if state.gas.small is not None and growth.gas_mass_includes_small_dust(self.scene) else 0.0
+        # The star stays at the origin of its frame.
+        add_to_body(state, 0, "gas", (), Accreted(mass, mass - included, small), self.scene.star.grows, moves=False)
 
 
 def _has_cells(state: State) -> bool:

@@ -1,7 +1,8 @@
 """Star: gravity a = -G M d / (d^2 + s^2)^(3/2) and optional accretion; d is the vector from the star, s its softening.
 
 Particles within the accretion radius are removed at the end of the step. The ledger records their mass, momentum and
-angular momentum. With grows = true the star gains their mass; a moving star gains their momentum too.
+angular momentum. With grows = true the star gains their mass; a moving star gains their momentum too. The star also
+accretes the gas that leaves a polar grid through an open inner edge (`effects/polar.py`).
 
 An unsoftened star at rest acts in the drift: gas and dust move on Kepler orbits, exact at any step
 (`kernels/gravity/kepler.py`). Otherwise the star acts in the kick, where a moving star gains the momentum that
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
     from discsim.scene import Scene
 
 kernels = Lazy("discsim.kernels.gravity.point_masses")
+polar = Lazy("discsim.effects.polar")
 
 REMEDY = "a larger star.accretion_radius or star.softening"  # for step limits
 PULL = 5.0  # CPU nanoseconds in a step, per particle; twice as long for particles that pull the star
@@ -75,7 +77,7 @@ def _frame_problems(draft: Draft) -> Iterator[Problem]:
         if len(bound) > 1 and any(c.orbit == "fixed" for c in bound):
             wrong = f'with {len(bound)} bound companions and orbit = "fixed" the barycentre is not at rest'
             yield ("star", "centre"), f'{wrong}; set orbit = "live" in each [[companion]], or star.centre = "star"'
-    if star.grows and star.accretion_radius == 0.0:
+    if star.grows and star.accretion_radius == 0.0 and not polar.leaves_inwards(draft):
         yield ("star", "grows"), "the star accretes nothing; add star.accretion_radius, or remove grows"
 
 

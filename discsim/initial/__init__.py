@@ -51,7 +51,7 @@ def make_particles(scene: Scene) -> ParticleArrays:
         return _particles_in_cells(scene)
     arrays = _with_grain_sizes(scene, start_of(scene).particles(scene))
     if scene.model.polar and start_of(scene).radial is not None:
-        return arrays | {"gas": polar.gas_in_cells(scene)}
+        arrays = arrays | {"gas": polar.gas_in_cells(scene)}
     return arrays if scene.table("growth") is None else _with_small_dust(scene, arrays)
 
 

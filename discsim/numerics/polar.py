@@ -17,14 +17,15 @@ from typing import Any
 import numpy as np
 
 from discsim.formulas.polar import ring_sides
-from discsim.kernels.polar import forces, sampling, transport, viscosity
-from discsim.kernels.polar.geometry import ENERGY, GHOSTS, Geometry, fill_force_ghosts, fill_ghosts
+from discsim.kernels.polar import forces, sampling, tracer, transport, viscosity
+from discsim.kernels.polar.geometry import DENSITY, ENERGY, GHOSTS, Geometry, fill_force_ghosts, fill_ghosts
 from discsim.kernels.polar.parabola import side_coefficients
 from discsim.numerics.sorting import counting_sort
 from discsim.numerics.threads import parallel_for
 
 Array = np.ndarray
 CHUNK = 4096  # smallest number of cells in a chunk of a parallel loop
+NOTHING_PASSED = tracer.Passed(np.empty((0, 0)), np.empty((0, 0)), np.empty(0, np.int64))
 
 
 def geometry_of(rings: int, angles: int, inner: float, outer: float, closed: bool) -> Geometry:
@@ -68,6 +69,7 @@ class PolarCells:
         self.padded = np.empty((2, self.rings + 2 * GHOSTS, self.angles))
         self.swept = np.empty((self.rings + 1, self.angles))
         self.around, self.mean = np.empty((self.rings, self.angles)), np.empty(self.rings)
+        self.passed = NOTHING_PASSED
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -149,13 +151,14 @@ class PolarCells:
         self.for_rings(viscosity.accelerate, *arrays, self.geometry, acc.reshape(*grid, 2), heat)
 
     def move(
-        self, mass: Array, vel: Array, pressure: Array, u: Array | None, gamma: float, dt: float, radial_first: bool
-    ) -> Array:
-        """Move the gas over dt; mass (n,), vel (n, 2) and u (n,) change in place.
+        self, mass: Array, vel: Array, pressure: Array, u: Array | None, gamma: float, dt: float, radial_first: bool,
+        small: Array | None = None,
+    ) -> Array:  # fmt: skip
+        """Move the gas over dt; mass (n,), vel (n, 2), u (n,) and the mass of small dust `small` (n,) change in place.
 
         pressure (n,): at the beginning. gamma: adiabatic index. radial_first: whether the radial sweep comes first.
-        Returns mass, momentum along x and y, and angular momentum that left the inner and the outer edge (2, 4), as far
-        as they are edges of own rings.
+        Returns mass, momentum along x and y, angular momentum and small dust that left the inner and the outer edge
+        (2, 5), as far as they are edges of own rings.
         """
         grid, g = self.shape, self.geometry
         count = ENERGY + (u is not None)
@@ -164,18 +167,47 @@ class PolarCells:
         energy = np.empty((0, 0)) if u is None else u.reshape(grid)
         polar = mass.reshape(grid), vel.reshape(*grid, 2)
         self.for_rings(transport.unpack, *polar, pressure.reshape(grid), energy, dt, g, self.fields)
-        lost = np.zeros((2, 4))
+        passed, lost = self._prepare_tracer(mass, small), np.zeros((2, 5))
         for radial in (radial_first, not radial_first):
             if radial:
                 self.update_ghosts([field[GHOSTS:-GHOSTS] for field in self.fields])
                 fill_ghosts(self.fields, g.closed)
                 # The flux through a side depends on what is swept through the next sides too.
                 self.for_rings(transport.find_swept, self.fields, gamma, dt, g, self.swept, more=2)
-                lost = sum(self.for_rings(transport.sweep_radially, self.fields, self.swept, g, self.new), lost)
+                swept = self.for_rings(transport.sweep_radially, self.fields, self.swept, g, self.new, passed)
+                lost[:, :4] = sum(swept)
             else:
-                self.for_rings(transport.sweep_around, self.fields, gamma, dt, g, self.new)
+                self.for_rings(transport.sweep_around, self.fields, gamma, dt, g, self.new, passed)
+            if small is not None:
+                lost[:, 4] += self._move_tracer(passed, radial)
             self.fields, self.new = self.new, self.fields
         self.for_rings(transport.pack, self.fields, dt, g, *polar, energy)
+        if small is not None:
+            np.multiply(self.share[0, GHOSTS : GHOSTS + self.rings].ravel(), mass, out=small)
+        return lost
+
+    def _prepare_tracer(self, mass: Array, small: Array | None) -> tracer.Passed:
+        """Set the shares of small dust in the mass of the cells, and return arrays for the gas that passes sides."""
+        if small is None:
+            return NOTHING_PASSED
+        if len(self.passed.shift) == 0:
+            self.share = np.zeros((2, self.rings + 2 * GHOSTS, self.angles))
+            sides = self.rings + 1, self.angles + 1
+            self.passed = tracer.Passed(np.empty(sides), np.empty(sides), np.empty(self.rings, np.int64))
+        self.share[0, GHOSTS : GHOSTS + self.rings] = (small / mass).reshape(self.shape)
+        return self.passed
+
+    def _move_tracer(self, passed: tracer.Passed, radial: bool) -> Array:
+        """Move the small dust with the gas in a sweep, and return what left the inner and the outer edge (2,)."""
+        share, new = self.share
+        before, after = self.fields[DENSITY], self.new[DENSITY]
+        lost = np.zeros(2)
+        if radial:
+            tracer.fill_share_ghosts(share)
+            lost = sum(self.for_rings(tracer.carry_radially, share, before, after, passed, self.geometry, new), lost)
+        else:
+            self.for_rings(tracer.carry_around, share, before, after, passed, new)
+        self.share = self.share[::-1]
         return lost
 
 

@@ -254,10 +254,11 @@ def add_leaving(flux, sign, r, geometry, lost):
 
 
 @jit
-def sweep_radially(first, last, fields, swept, geometry, new):
+def sweep_radially(first, last, fields, swept, geometry, new, passed):
     """Write the fields of the rings `first` to `last` after a radial sweep; return what leaves the edges.
 
-    swept (rings + 1, angles): result of `find_swept`. The result (2, 4): mass, momentum along x and y, and angular
+    swept (rings + 1, angles): result of `find_swept`. passed: `tracer.Passed`, written if it has entries. The result
+    (2, 4): mass, momentum along x and y, and angular
     momentum that leave through the inner and the outer edge.
     """
     count, angles, rings = len(fields), fields.shape[2], len(geometry.radius)
@@ -276,6 +277,9 @@ def sweep_radially(first, last, fields, swept, geometry, new):
         limit_swept(side, swept, limited)
         volumes = geometry.volume[max(side - 1, 0)], geometry.volume[min(side, rings - 1)]
         carry_through(limited, volumes, behind, ahead, 0, flux[now])
+        if len(passed.shift) > 0 and (side < last or side == rings):
+            for j in range(angles):
+                passed.mass[side, j], passed.part[side, j] = flux[now, MASS, j], limited[j]
         if side > first:
             scale = 1.0 / geometry.radius[side - 1] ** 2
             add_fluxes(flux[old], flux[now], 0, volumes[0], cells[old, 2], 0, scale, row)
@@ -303,8 +307,11 @@ def swept_along_ring(cells, gamma, dt, unit, rest, swept):
 
 
 @jit
-def sweep_around(first, last, fields, gamma, dt, geometry, new):
-    """Write the fields of the rings `first` to `last` after an azimuthal sweep over dt."""
+def sweep_around(first, last, fields, gamma, dt, geometry, new, passed):
+    """Write the fields of the rings `first` to `last` after an azimuthal sweep over dt.
+
+    passed: `tracer.Passed`, written if it has entries.
+    """
     count, angles = len(fields), fields.shape[2]
     padded, row = np.empty((count, angles + 6)), np.empty((count, angles))
     # Separate arrays: with parts of one array, LLVM's run-time test for overlap would take the scalar loops.
@@ -334,6 +341,10 @@ def sweep_around(first, last, fields, gamma, dt, geometry, new):
         for j in range(angles):
             row[SPIN, j] = row[SPIN, j] / to_cells + mean
         begin = int(whole % angles)
+        if len(passed.shift) > 0:
+            passed.shift[i] = begin
+            for j in range(angles + 1):
+                passed.mass[i, j], passed.part[i, j] = flux[MASS, j], limited[j]
         for k in range(count):
             for j in range(angles - begin):
                 new[k, ring, begin + j] = row[k, j]
