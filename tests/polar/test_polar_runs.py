@@ -313,7 +313,7 @@ WRONG = {
     "method": ({"gas": {"method": "sph", "grid": {}}}, "gas.grid: the table is used only with gas.method"),
     "relax": ({"initial": {"relax": 3}}, "initial.relax: gas on a polar grid starts in balance"),
     "euler": ({"run": {"integrator": "euler"}}, "run.integrator: the integrator does not support gas.method"),
-    "frame": ({"star": {"frame": "inertial"}}, "star.frame: the polar grid is at rest about the star"),
+    "frame": ({"star": {"frame": "inertial"}}, "star.frame: the polar grid is centred on the star"),
     "accretion": ({"star": {"accretion_radius": 0.7}}, "star.accretion_radius: the star would accrete cells"),
     "grows": ({"star": {"accretion_radius": 0.3, "grows": True}}, "star.grows: a star does not grow"),
     "companion": (
