@@ -6,7 +6,7 @@ the gas, and the drift of the dust. If the start defines neither (a snapshot, ow
 velocity of the particles, averaged over azimuth.
 
 With `surface_density` the gas of a polar grid relaxes to the mean initial surface density of its rings too:
-dSigma/dt = -(Sigma - Sigma*(r)) R(r) at constant velocity.
+dSigma/dt = -(Sigma - Sigma*(r)) R(r). Added gas has the velocity v* and the initial energy per mass.
 
 The ledger records the momentum, angular momentum and mass that damping removes. Damping sets no time-step limit.
 """
@@ -105,21 +105,22 @@ class Effect(base.Effect):
             *state.central,
             self._pull_in_drift(state),
             self.scene.model.polar,
-            self._densities(state, radius),
+            self._reservoir(state, radius),
         )
 
-    def _densities(self, state: State, radius: np.ndarray) -> np.ndarray:
-        """Return the mean initial surface density (n,) of the gas at `radius` (n,); empty if masses do not change."""
+    def _reservoir(self, state: State, radius: np.ndarray) -> np.ndarray:
+        """Return mean initial surface density and energy (n, 2) of the gas at `radius` (n,); empty if masses stay."""
         if not self.scene.table("damping").surface_density:
-            return np.empty(0)
-        shape = polar_shape(self.scene)
-        r, density = (
-            values.reshape(shape.rings, shape.angles).mean(axis=1)
-            for values in (np.sqrt((state.gas.pos**2).sum(axis=1)), state.gas.mass / cell_areas(self.scene, state.gas))
+            return np.empty((0, 2))
+        shape, gas = polar_shape(self.scene), state.gas
+        of_cells = np.sqrt((gas.pos**2).sum(axis=1)), gas.mass / cell_areas(self.scene, gas), gas.u
+        r, *means = (
+            np.zeros(shape.rings) if values is None else values.reshape(shape.rings, shape.angles).mean(axis=1)
+            for values in of_cells
         )
         # A table that ended at the outermost rings would be flat on the far side of their centroids.
-        r, density = (np.concatenate([[2.0 * v[0] - v[1]], v, [2.0 * v[-1] - v[-2]]]) for v in (r, density))
-        return np.interp(radius, r, density)
+        r, *means = (np.concatenate([[2.0 * v[0] - v[1]], v, [2.0 * v[-1] - v[-2]]]) for v in (r, *means))
+        return np.stack([np.interp(radius, r, mean) for mean in means], axis=1)
 
     def _pull_in_drift(self, state: State) -> np.ndarray:
         """Return the fractions of the star's pull that act in the drift: for the gas, then for each dust population."""
@@ -140,10 +141,11 @@ class Effect(base.Effect):
         for name, p in state.species.items():
             row = 0 if name == "gas" else int(state.gas is not None)  # of v*; the first row of the species
             species = getattr(p, "species", base.NO_SPECIES)
-            is_damped = name == "gas" and len(zones.density) > 0
+            is_damped = name == "gas" and len(zones.reservoir) > 0
+            u = state.gas.u if is_damped and state.gas.u is not None else np.empty(0)
             area = cell_areas(self.scene, state.gas) if is_damped else np.empty(0)
             mass = p.mass.copy() if is_damped and state.gas.small is not None else None
-            arguments = p.pos, p.vel, p.mass, species, area, row, base.centre_of_disc(state), zones, ahead, dt
+            arguments = p.pos, p.vel, p.mass, u, species, area, row, base.centre_of_disc(state), zones, ahead, dt
             lost = rounded(sum(parallel_for(kernels.relax, p.count, *arguments)))
             state.ledger.damped_momentum += lost[:2]
             state.ledger.damped_angular_momentum += float(lost[2])

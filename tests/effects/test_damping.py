@@ -143,7 +143,7 @@ def test_a_flow_is_followed_to_where_velocities_are_ahead(falls):
     wanted = speed * np.array([falls * np.cos(turned) - np.sin(turned), falls * np.sin(turned) + np.cos(turned)])
     pos, vel = np.array([[r, 0.0]]), np.array([[0.3, 0.2]])
     none = np.zeros(0, np.int64)
-    kernels.relax(0, 1, pos, vel, np.array([0.7]), none, np.empty(0), 0, np.zeros(4), zones, ahead, 1.0)
+    kernels.relax(0, 1, pos, vel, np.array([0.7]), np.empty(0), none, np.empty(0), 0, np.zeros(4), zones, ahead, 1.0)
     # To second order, .05^2 of the flow and .05^3 / 6 of the sine; circles there are slower by .05 falls / 2.
     np.testing.assert_allclose(vel[0], wanted, rtol=0, atol=0.25 * 0.05 * abs(falls) * speed)
 

@@ -279,7 +279,7 @@ def dusty_wave(rings, t_stop, ratio, time=0.6, scheme="emsi"):
     cells = PolarCells(rings, angles, far, far + 1.0, True)
     side = np.diff(cells.geometry.sides)
     line = np.concatenate([cells.geometry.sides[:-1] + part * side for part in (0.17, 0.67)])
-    phi = np.append(cells.azimuth, cells.azimuth + 0.1)[: angles]
+    phi = np.append(cells.azimuth, cells.azimuth + 0.1)[:angles]
     r, phi = np.repeat(line, angles), np.tile(phi, len(line))
     pos = r[:, None] * np.stack([np.cos(phi), np.sin(phi)], axis=1)
     particles = {

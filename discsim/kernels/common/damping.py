@@ -31,14 +31,16 @@ class Zones(NamedTuple):
     softening: float
     in_drift: np.ndarray  # (kinds,): fraction of the star's gravity that the drift contains
     polar: bool = False  # whether the drift is in polar coordinates (`kernels/polar/dust.py`)
-    density: np.ndarray = np.empty(0)  # (nodes,): surface density to which cells relax; empty if they keep their mass
+    # (nodes, 2): surface density to which cells relax, and energy per mass of added gas; empty if cells keep their mass.
+    reservoir: np.ndarray = np.empty((0, 2))
 
 
 @jit
-def relax(first, last, pos, vel, mass, species, area, kind, centre, zones, ahead, dt):
+def relax(first, last, pos, vel, mass, u, species, area, kind, centre, zones, ahead, dt):
     """Relax the velocities `vel` (n, 2) of the particles `first` to `last` over dt, in place.
 
-    area (n,): areas of cells whose `mass` (n,) relaxes too; empty for particles, and cells that keep their mass.
+    area (n,): areas of cells whose `mass` (n,) relaxes too; empty for particles, and cells that keep their mass. u (n,):
+    energies of these cells; empty without an energy equation.
 
     kind: row of the gas in `zones.table`, or of the first dust population. species (n,): population of each particle,
     which is added to `kind`; empty for gas. centre: (x, y, v_x, v_y) of the centre of the zones. ahead: the time s by
@@ -81,16 +83,24 @@ def relax(first, last, pos, vel, mass, species, area, kind, centre, zones, ahead
                 around = azimuthal - 0.5 * sine * radial
                 v, w = radial * cosine - around * sine, around * cosine + radial * sine
             lost = -math.expm1(-rate * dt)  # fraction of v - v* that is lost
-            vx, vy = vel[i, 0] - centre[2], vel[i, 1] - centre[3]
-            dx, dy = lost * (vx - (v * x - w * y)), lost * (vy - (v * y + w * x))
+            aim_x, aim_y = centre[2] + v * x - w * y, centre[3] + v * y + w * x
+            dx, dy = lost * (vel[i, 0] - aim_x), lost * (vel[i, 1] - aim_y)
             vel[i, 0] -= dx
             vel[i, 1] -= dy
-            dm = 0.0
+            dx, dy, dm = mass[i] * dx, mass[i] * dy, 0.0
             if len(area) > 0:
-                aim = (1.0 - part) * zones.density[node] + part * zones.density[node + 1]
-                dm = lost * (mass[i] - aim * area[i])
-            dx, dy = mass[i] * dx + dm * vel[i, 0], mass[i] * dy + dm * vel[i, 1]
-            mass[i] -= dm
+                density = (1.0 - part) * zones.reservoir[node, 0] + part * zones.reservoir[node + 1, 0]
+                dm = lost * (mass[i] - density * area[i])
+                mass[i] -= dm
+                if dm < 0.0:
+                    dx, dy, added = dx + dm * aim_x, dy + dm * aim_y, -dm / mass[i]
+                    vel[i, 0] += added * (aim_x - vel[i, 0])
+                    vel[i, 1] += added * (aim_y - vel[i, 1])
+                    if len(u) > 0:
+                        energy = (1.0 - part) * zones.reservoir[node, 1] + part * zones.reservoir[node + 1, 1]
+                        u[i] += added * (energy - u[i])
+                else:
+                    dx, dy = dx + dm * vel[i, 0], dy + dm * vel[i, 1]
             terms[0], terms[1], terms[2], terms[3] = dx, dy, pos[i, 0] * dy - pos[i, 1] * dx, dm
             for k in range(4):
                 add_number(bits[k], limbs[k])
