@@ -1,14 +1,13 @@
 """emsi: drag in the cells of gas on a polar grid, between the gas of a cell and the dust particles in it.
 
-Gas and all populations of a cell relax together, exactly, with accelerations included (equations in
-`kernels/drag/polar.py`). A dust particle is compared with the gas at its own place. Radial momentum and angular
-momentum of gas and dust are conserved in each cell. With integration = "implicit" the relaxation is backward Euler.
+Each grain is divided among the nine nearest cells. Gas and all populations of a cell relax together, exactly, with
+accelerations included, and a grain is compared with the gas at its own place (equations in `kernels/drag/polar.py`).
+Radial momentum and angular momentum of gas and dust are conserved in each cell. With integration = "implicit" the
+relaxation is backward Euler, which is of first order at t_stop ~ dt.
 
-The drag in a cell depends on the number of grains in it. With few grains that are not as even as the cells, the
-dust-to-gas ratio of cells is noisy; `tsc` averages over more grains.
-
-The name is that of the momentum-conserving scheme in the comparison of Stoyanovskaya et al. 2018 (arXiv:1811.06522):
-an exact or implicit exchange of momentum in each cell of a grid (`emsi-ppm` has fluids on a 1D grid).
+The name is that of the momentum-conserving scheme in the comparison of Stoyanovskaya et al. 2018 (arXiv:1811.06522).
+The polar cells, the dust particles and the exact relaxation are additions of discsim. Fluids on a fixed 1D grid have
+the scheme `emsi-ppm`.
 """
 
 from __future__ import annotations
@@ -32,5 +31,5 @@ def grid_problems(draft: Draft) -> Iterator[Problem]:
 UNUSED = {"the cells of the gas as drag cells": ("cell", "cell_length")} | NO_KERNEL
 SCHEME = Scheme(
     lambda *given: polar.kick(*given),
-    polar=True, sizes=True, unused=UNUSED, nanoseconds=100.0, rules=(grid_problems,),
+    polar=True, sizes=True, unused=UNUSED, nanoseconds=300.0, rules=(grid_problems,),
 )  # fmt: skip

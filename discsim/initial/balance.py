@@ -76,12 +76,13 @@ class Equilibrium:
 
     The accelerations by self-gravity and companions are averaged over azimuth at each radius.
     gravity: inward acceleration by gravity, as a function of radii (n,). pressure: outward acceleration of gas by
-    pressure, as a function of radii; by default that of the initial profile. has_small_dust: whether the mass of gas
+    pressure, as a function of radii; None for that of the initial profile. has_small_dust: whether the mass of gas
     particles includes small dust. drifts: whether dust starts with its drift.
     """
 
-    def __init__(self, state: State, effects: dict[str, Any], pressure: Callable[[Array], Array] | None = None) -> None:
-        self.scene, self.effects, self.pressure = state.scene, effects, pressure
+    def __init__(self, state: State, effects: dict[str, Any]) -> None:
+        self.scene, self.effects = state.scene, effects
+        self.pressure: Callable[[Array], Array] | None = None
         self.gravity = mean_gravity(state, effects)
         self.has_small_dust = "growth" in effects and growth.gas_mass_includes_small_dust(state.scene)
         self.drifts = "drag" in effects and getattr(self.scene.initial, "dust_velocity", None) != "balance"

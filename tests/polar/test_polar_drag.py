@@ -262,6 +262,21 @@ def test_drift_by_emsi(stokes, ratio):
     assert np.abs(drift_errors("emsi", stokes, ratio)).max() < 0.005
 
 
+@pytest.mark.parametrize("stokes, ratio, bound", [(0.03, 0.3, 0.01), (1.0, 3.0, 0.004)])
+def test_drift_by_tsc(stokes, ratio, bound):
+    """The drag cells are squares that shift, so that the rings of cells have uneven dust-to-gas ratios."""
+    assert np.abs(drift_errors("tsc", stokes, ratio)).max() < bound
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ratio", [0.01, 0.3, 3.0])
+def test_drift_of_small_grains_by_emsi(ratio):
+    """Waves of the grains are 1e-8 of the Keplerian velocity, and move both; the drift of dust is 5e-7 to 7e-6 of it."""
+    dust, gas, slip = drift_errors("emsi", 0.001, ratio, 48_000, 48_000)
+    assert abs(slip) < 0.003
+    assert max(abs(dust), abs(gas)) < 0.02
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("ratio", [0.01, 0.3, 3.0])
 @pytest.mark.parametrize("stokes", [0.03, 1.0])

@@ -101,7 +101,7 @@ def divide_grains(first, last, pos, geometry, cell, share):
                 cell[k, m], share[k, m] = rings * angles, 0.0
             continue
         out, around = (math.log(r) - start) * per_ring, math.atan2(y, x) / geometry.angle
-        i, j = int(math.floor(out)), int(math.floor(around))
+        i, j = math.floor(out), math.floor(around)
         d, e = out - i - 0.5, around - j - 0.5
         for a in range(3):
             row, along = min(max(i + a - 1, 0), rings - 1), weight(a, d)
@@ -283,8 +283,8 @@ def relax_cell(i, j, gas, dust, class_of, geometry, law, nonlinear, several, ome
 def relax_cells(first, last, gas, dust, class_of, geometry, law, nonlinear, several, frame, parts, by_drag):
     """Relax the cells in the rings `first` to `last`; write the changes of their gas by drag to `by_drag` (cells, 2).
 
-    gas, dust: `Species`; the parts of grains in a cell are dust.order[dust.start[cell] : dust.start[cell + 1]]. class_of
-    (n,): population of each grain. frame: star of the Keplerian frequency in stopping times. by_drag is 0 in cells
+    gas, dust: `Species`; the parts of grains in a cell are dust.order[dust.start[cell] : dust.start[cell + 1]].
+    class_of (n,): population of each grain. frame: star of the Keplerian frequency in stopping times. by_drag is 0 in cells
     without dust, and with one-way drag. Changes of grains are written to `parts`.
     """
     n, angles = len(law.grains) + 1, len(geometry.cos)
