@@ -271,7 +271,7 @@ def test_drift_by_tsc(stokes, ratio, bound):
 @pytest.mark.slow
 @pytest.mark.parametrize("ratio", [0.01, 0.3, 3.0])
 def test_drift_of_small_grains_by_emsi(ratio):
-    """Waves of the grains are 1e-8 of the Keplerian velocity, and move both; the drift of dust is 5e-7 to 7e-6 of it."""
+    """Waves are 1e-8 of the Keplerian velocity, and move gas and dust; the drift of dust is 5e-7 to 7e-6 of it."""
     dust, gas, slip = drift_errors("emsi", 0.001, ratio, 48_000, 48_000)
     assert abs(slip) < 0.003
     assert max(abs(dust), abs(gas)) < 0.02

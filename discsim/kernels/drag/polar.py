@@ -284,8 +284,8 @@ def relax_cells(first, last, gas, dust, class_of, geometry, law, nonlinear, seve
     """Relax the cells in the rings `first` to `last`; write the changes of their gas by drag to `by_drag` (cells, 2).
 
     gas, dust: `Species`; the parts of grains in a cell are dust.order[dust.start[cell] : dust.start[cell + 1]].
-    class_of (n,): population of each grain. frame: star of the Keplerian frequency in stopping times. by_drag is 0 in cells
-    without dust, and with one-way drag. Changes of grains are written to `parts`.
+    class_of (n,): population of each grain. frame: star of the Keplerian frequency in stopping times. by_drag is 0 in
+    cells without dust, and with one-way drag. Changes of grains are written to `parts`.
     """
     n, angles = len(law.grains) + 1, len(geometry.cos)
     scratch = CellScratch(
