@@ -14,8 +14,8 @@
 
 Keys have their defaults; SPH has those of the setups `sedov` and `gresho` for blast and vortex. A problem has three
 resolutions: `n` cells or particles in a length of 1, or in a wavelength. CPU time is that of the steps, without
-compilation. `needed` is the fraction of the gas that the problem needs: one of 8 azimuths of a tube, or the square
-about a blast. Prints a table, and writes polar_gas.csv, polar_gas.md and polar_gas.png.
+compilation. `needed` is the fraction of the gas that the problem needs: one of 8 azimuths of a tube, the square about
+a blast or a vortex, or a squared wavelength. Prints a table, and writes polar_gas.csv, polar_gas.md and polar_gas.png.
 """
 
 from __future__ import annotations
@@ -180,7 +180,7 @@ def wave(method: str, n: int) -> Case:
     """Return a sound wave over one period, with `n` cells or particles in a wavelength."""
     eos = {"kind": "isothermal", "sound_speed": 1.0}
     if method == "sph":
-        period = 1.0
+        period = needed = 1.0
         space = {"size": 1.0, "boundary": "periodic"}
         start = {"kind": "wave", "amplitude": WEAK}
         sim = Simulation(scene_of(period, 1.0, {"particles": n * n, "eos": eos}, initial=start) | {"space": space})
@@ -190,6 +190,7 @@ def wave(method: str, n: int) -> Case:
         cells = square_cells(round(n / period), *EDGES, float(np.sqrt(EDGES[0] * EDGES[1])))
         start = WEAK * standing_velocity(cells, k, EDGES, MODE)
         sim = in_cells(cells, period, eos, np.ones(len(cells.pos)), start)
+        needed = period**2 / float(cells.area.sum())
 
     def error(sim: Simulation) -> tuple[float, str]:
         exact = WEAK * np.sin(2.0 * np.pi * sim.gas.pos) * [1.0, 0.0] if method == "sph" else start
@@ -197,7 +198,7 @@ def wave(method: str, n: int) -> Case:
         kept = (sim.gas.vel * exact).sum() / (exact * exact).sum()
         return float(np.average(wrong, weights=sim.gas.mass)) / WEAK, f"amplitude {kept:.4f}"
 
-    return Case(sim, period, error)
+    return Case(sim, period, error, needed)
 
 
 # Blast and vortex
@@ -326,6 +327,7 @@ def solid_disc(method: str, n: int, name: str) -> Case:
     start = packet(r, disc.k)
     sim.gas.vel[:] = (around[of_ring] / r)[:, None] * pos[:, ::-1] * [-1.0, 1.0]
     sim.gas.vel += (START * disc.sound * start / r)[:, None] * pos
+    begun = START * disc.sound * float((start * start) @ sim.gas.mass)
     seen: list[tuple[float, float]] = []
 
     def look(sim: Simulation) -> None:
@@ -335,7 +337,7 @@ def solid_disc(method: str, n: int, name: str) -> Case:
 
     def error(_: Simulation) -> tuple[float, str]:
         times, found = np.array(seen).T
-        found = found / (START * disc.sound * float((start * start) @ sim.gas.mass))
+        found = found / begun
         exact = exact_amplitude(times, disc, kappa2)
         shift = least_squares(lambda more: exact_amplitude(times, disc, kappa2 + more[0]) - found, [0.0]).x[0]
         off = 0.5 * shift / squared_frequency(disc, kappa2)
