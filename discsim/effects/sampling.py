@@ -28,7 +28,7 @@ meeting = Lazy("discsim.numerics.meeting")
 smoothing = Lazy("discsim.numerics.sph")
 polar = Lazy("discsim.numerics.polar")
 
-PAIR_COST, CELL_COST = 7.5, 90.0  # CPU nanoseconds in a pass, per gas neighbour of a grain, and per grain in cells
+PAIR_COST, CELL_COST = 7.5, 70.0  # CPU nanoseconds in a pass, per gas neighbour of a grain, and per grain in cells
 
 
 def sampler_class(scene: Scene) -> type[GasSampler]:

@@ -56,7 +56,7 @@ NEEDS = {
 def test_every_effect_is_stepped_here():
     given = {"background", "background.bump", "background.gap"}  # no partner of gas: test_background.py
     boxed = {"shearing_box"}  # no partner of a star: test_shearing_box.py
-    polar = {"gas.grid"}  # no partner of growth: tests/polar
+    polar = {"gas.grid"}  # no partner of SPH: tests/polar
     isothermal = {"gas.quiet"}  # no partner of gas with an energy: test_quiet.py
     assert {*STEPPED, *given, *isothermal, *boxed, *polar} == set(removable_tables())
     assert set(load_scene(EVERYTHING).effects) == set(STEPPED)

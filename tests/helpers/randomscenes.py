@@ -373,13 +373,8 @@ def _on_a_polar_grid(s: Scribe, scene: dict[str, Any]) -> dict[str, Any]:
         scene["gas"]["grid"] = {"edges": s.pick(("open", "closed"))}
     if scene["initial"]["kind"] == "snapshot":
         scene["gas"].setdefault("grid", {}).update(inner=s.between(0.5, 0.8), outer=s.between(1.7, 2.1))
-    for table in ("growth", "dust_diffusion"):
-        scene.pop(table, None)
-    for key in ("frame", "grows", "centre", "accretion_radius"):
+    for key in ("frame", "centre"):
         scene["star"].pop(key, None)
-    for companion in scene.get("companion", ()):
-        for key in ("accretion_radius", "accretion_rate"):
-            companion.pop(key, None)
     scene["initial"].pop("relax", None)
     scene["run"].pop("integrator", None)
     if "drag" in scene and s.chance(0.5):

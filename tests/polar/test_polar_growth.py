@@ -179,9 +179,11 @@ def test_momentum_is_exact_and_angular_momentum_but_at_edges(eos):
         sim.step()
     effect, dust = sim.effects["growth"], sim.dust
     dust.remove(np.abs(np.hypot(*dust.pos.T) - 1.15) > 0.5)
+    # Smooth and enough: in exhausted cells angular momentum is exact only to 1% of what is exchanged.
+    sim.gas.small[:] = 0.012 * sim.gas.mass * (1.0 + 0.3 * sim.gas.pos[:, 0])
     heat = None if eos is None else sim.gas.mass @ sim.gas.u
     # In a time in which no cell has to give all its small dust, and then as all grains break.
-    for dt, speed in ((0.1, 1.0), (1e-9, 1e-4)):
+    for dt, speed in ((0.01, 1.0), (1e-9, 1e-4)):
         sim.state.subcycle_clock, effect.grains = SubcycleClock(dt), effect.grains._replace(fragmentation=speed)
         mass, momentum, spin, moved = handed(sim)
         assert moved > 1e-4

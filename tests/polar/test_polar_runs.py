@@ -325,10 +325,6 @@ WRONG = {
     "euler": ({"run": {"integrator": "euler"}}, "run.integrator: the integrator does not support gas.method"),
     "frame": ({"star": {"frame": "inertial"}}, "star.frame: the polar grid is centred on the star"),
     "accretion": ({"star": {"accretion_radius": 0.7}}, "star.accretion_radius: the star would accrete cells"),
-    "grows": ({"star": {"accretion_radius": 0.3, "grows": True}}, "star.grows: a star does not grow"),
-    "companion": (
-        {"companion": PLANET | {"accretion_radius": 0.01}}, "companion.accretion_radius: a companion cannot accrete"
-    ),
     "scheme": (
         {"dust": DUSTY["dust"], "drag": {"law": "stokes-number", "stokes": 0.1, "scheme": "lab14"}},
         'drag.scheme: drag.scheme "lab14" needs pairs of particles',
