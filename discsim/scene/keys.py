@@ -402,7 +402,7 @@ class Companion(Table):
     accretion_radius: Length = Field(
         0.0, ge=0, description="radius within which particles are accreted; 0: no accretion"
     )
-    accretion_rate: Annotated[Number | None, Default("all at once; on a polar grid within an orbit at the radius")] = Field(
+    accretion_rate: Annotated[Number | None, Default("all at once; polar grid: see companions")] = Field(
         None, gt=0, description="fraction of the mass within accretion_radius that is accreted per local orbit"
     )
     every: Annotated[Time | None, Default("every step")] = Field(

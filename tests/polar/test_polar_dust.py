@@ -165,8 +165,9 @@ def average_rings(sim):
         (0.1, 0.03, 0.07, 2500, "idic-linear"),
         pytest.param(0.01, 0.02, 0.07, 2500, "tsc", marks=pytest.mark.slow),
         pytest.param(0.1, 0.03, 0.07, 10_000, "tsc", marks=pytest.mark.slow),
-        # Grains of St = 1 need a time 1/Omega for their drift, which has to be short in the ring: H / w = 1/3.
-        pytest.param(1.0, 0.03, 0.035, 40_000, "tsc", marks=pytest.mark.slow),
+        # The drift of grains of St = 1 follows their place after 1/Omega. That adds 2.8% to the width at H / w = 1/3 (by
+        # the moments of their linear equations of motion), and 12% at 2/3.
+        pytest.param(1.0, 0.03, 0.035, 10_000, "idic-linear", marks=pytest.mark.slow),
     ],
 )
 def test_a_dust_ring_in_a_pressure_bump_has_its_width(tmp_path, stokes, alpha, sound, cells, scheme):
