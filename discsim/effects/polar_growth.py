@@ -21,7 +21,7 @@ of_cells = Lazy("discsim.kernels.polar.growth")
 polar = Lazy("discsim.numerics.polar")
 
 # CPU nanoseconds: of an application per grain, and of a step per cell, which moves the small dust.
-EXCHANGE_COST, CELL_COST = 1000.0, 30.0
+EXCHANGE_COST, CELL_COST = 600.0, 40.0
 
 
 class Growth(growth.Effect):

@@ -165,8 +165,8 @@ def average_rings(sim):
         (0.1, 0.03, 0.07, 2500, "idic-linear"),
         pytest.param(0.01, 0.02, 0.07, 2500, "tsc", marks=pytest.mark.slow),
         pytest.param(0.1, 0.03, 0.07, 10_000, "tsc", marks=pytest.mark.slow),
-        # The drift of grains of St = 1 follows their place after 1/Omega. That adds 2.8% to the width at H / w = 1/3 (by
-        # the moments of their linear equations of motion), and 12% at 2/3.
+        # The drift of grains of St = 1 follows their place after 1/Omega; it adds 2.8% to the width at H / w = 1/3, by
+        # the moments of their linear equations of motion, and 12% at 2/3.
         pytest.param(1.0, 0.03, 0.035, 10_000, "idic-linear", marks=pytest.mark.slow),
     ],
 )
