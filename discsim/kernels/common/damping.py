@@ -31,7 +31,7 @@ class Zones(NamedTuple):
     softening: float
     in_drift: np.ndarray  # (kinds,): fraction of the star's gravity that the drift contains
     polar: bool = False  # whether the drift is in polar coordinates (`kernels/polar/dust.py`)
-    # (nodes, 2): surface density to which cells relax, and energy per mass of added gas; empty if cells keep their mass.
+    # (nodes, 2): surface density to which cells relax, and energy per mass of added gas; empty if cells keep mass.
     reservoir: np.ndarray = np.empty((0, 2))
 
 
@@ -39,8 +39,8 @@ class Zones(NamedTuple):
 def relax(first, last, pos, vel, mass, u, species, area, kind, centre, zones, ahead, dt):
     """Relax the velocities `vel` (n, 2) of the particles `first` to `last` over dt, in place.
 
-    area (n,): areas of cells whose `mass` (n,) relaxes too; empty for particles, and cells that keep their mass. u (n,):
-    energies of these cells; empty without an energy equation.
+    area (n,): areas of cells whose `mass` (n,) relaxes too; empty for particles, and cells that keep their mass.
+    u (n,): energies of these cells; empty without an energy equation.
 
     kind: row of the gas in `zones.table`, or of the first dust population. species (n,): population of each particle,
     which is added to `kind`; empty for gas. centre: (x, y, v_x, v_y) of the centre of the zones. ahead: the time s by
