@@ -59,7 +59,8 @@ def turned(angles, steps, turns):
     fields[RADIAL], fields[SPIN, GHOSTS:-GHOSTS] = 0.5, (cells.geometry.radius**2)[:, None]  # Omega = 1
     new = fields.copy()
     for _ in range(steps):
-        cells.for_rings(transport.sweep_around, fields, 1.0, 2.0 * np.pi * turns / steps, cells.geometry, new)
+        step = 2.0 * np.pi * turns / steps
+        cells.for_rings(transport.sweep_around, fields, 1.0, step, cells.geometry, new, cells.passed)
         fields, new = new, fields
     assert np.allclose(fields[RADIAL], 0.5, rtol=1e-12)
     return np.sqrt(np.mean((fields[DENSITY, GHOSTS] - pattern) ** 2)) / 0.3
