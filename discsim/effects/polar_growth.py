@@ -29,7 +29,7 @@ class Growth(growth.Effect):
 
     def __init__(self, scene: Scene, state: State) -> None:
         super().__init__(scene, state)
-        self.geometry = polar.make_geometry(*polar_shape(scene))
+        self.geometry = polar.geometry_of(*polar_shape(scene))
 
     @classmethod
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:

@@ -301,6 +301,8 @@ SCENES = {
     "rings alone": rings(5, dust=None, drag=None, **VISCOUS),
     "rings idic": rings(3, drag={"scheme": "idic"}),
     "rings linear": rings(3, drag={"scheme": "idic-linear", "direction": "one-way"}),
+    "rings emsi": rings(3, drag={"scheme": "emsi"}),
+    "rings grown": rings(6, star={"grows": True}, damping={"outer": [1.7, 2.0], "surface_density": True}),
     "rings thin disc": rings(3, self_gravity={"kernel": "thin-disc", "thickness": 0.1}),
     # Fewer rings than a rank has ghosts.
     "few rings": rings(4, gas={"particles": 300, "grid": {"rings": 7}}, self_gravity={"softening": 0.1}),
