@@ -21,7 +21,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discsim.output.bins import PixelBins, Rings
+from discsim.output.bins import Bins, PixelBins, Rings
+from discsim.output.cells import CellPixels, polar_grid
 from discsim.output.fields.base import PlotError
 from discsim.output.fields.frame import central_mass, omega
 from discsim.sky.temperature import temperatures
@@ -121,8 +122,13 @@ class Disc:
         found: Array = np.interp(np.arange(len(total)), full, (rings.sum(mass * values)[full] / total[full]))
         return found
 
-    def cells(self, pos: Array) -> PixelBins:
-        """Return the cells [ring, azimuth] over which particles at `pos` (n, 2) are spread."""
+    def cells(self, pos: Array) -> Bins:
+        """Return the cells [ring, azimuth] over which particles at `pos` (n, 2), or cells of a grid, are spread."""
+        if (grid := polar_grid(pos)) is not None:
+            azimuth = 2.0 * np.pi * (np.arange(self.azimuths) + 0.5) / self.azimuths
+            area = np.pi * np.diff(self.edges**2) / self.azimuths
+            r, azimuth = np.broadcast_arrays(self.radius[:, None], azimuth)
+            return CellPixels(grid, r, azimuth, area[:, None])
 
         def at(part: slice) -> Array:
             x, y = pos[part].T

@@ -20,7 +20,7 @@ import numpy as np
 from discsim.formulas.polar import FLOOR, ring_sides
 from discsim.initial.refine import gradients
 from discsim.initial.rings import place_on_rings
-from discsim.physics.polar import PolarShape
+from discsim.physics.polar import Interpolation, PolarShape
 
 Array = np.ndarray
 Arrays = dict[str, Array]
@@ -45,33 +45,6 @@ class _Cells(NamedTuple):
         return {"radial": self.radial, "spin": self.spin, **self.others}
 
 
-def shape_of_cells(pos: Array, closed: bool) -> PolarShape:
-    """Return the polar grid whose cells have the centroids `pos` (n, 2), in rings from the inside.
-
-    Raises ValueError if there is no such grid.
-    """
-    r = np.sqrt((pos**2).sum(axis=1))
-    rings = 1 + int((np.diff(r) > 1e-9 * r[1:]).sum())
-    if rings > 1 and len(r) % rings == 0 and r[0] > 0.0:
-        ratio = float(r[-1] / r[0]) ** (1.0 / (rings - 1))
-        # The centroid of a ring is at 2/3 (r_o^3 - r_i^3) / (r_o^2 - r_i^2).
-        inner = float(r[0]) * 1.5 * (ratio**2 - 1.0) / (ratio**3 - 1.0)
-        shape = PolarShape(rings, len(r) // rings, inner, inner * ratio**rings, closed)
-        radius, azimuth, _ = _centroids(shape)
-        wanted = np.stack([np.outer(radius, np.cos(azimuth)), np.outer(radius, np.sin(azimuth))], axis=-1)
-        if np.allclose(pos, wanted.reshape(-1, 2), rtol=0.0, atol=1e-9 * shape.outer):
-            return shape
-    raise ValueError("the gas is not in the cells of a polar grid")
-
-
-def _centroids(shape: PolarShape) -> tuple[Array, Array, Array]:
-    """Return the radii (rings,) and azimuths (angles,) of the centroids of cells, and the areas (rings,) of cells."""
-    sides, angle = ring_sides(shape.rings, shape.inner, shape.outer), 2.0 * np.pi / shape.angles
-    low, high = sides[:-1], sides[1:]
-    radius = (high**2 + high * low + low**2) / (1.5 * (high + low))
-    return radius, (np.arange(shape.angles) + 0.5) * angle, 0.5 * angle * (high - low) * (high + low)
-
-
 def _cells_of(shape: PolarShape, gas: Arrays) -> _Cells:
     """Return the gas with the arrays `gas` in cells of `shape`."""
     r, grid = np.sqrt((gas["pos"] ** 2).sum(axis=1)), (shape.rings, shape.angles)
@@ -82,7 +55,7 @@ def _cells_of(shape: PolarShape, gas: Arrays) -> _Cells:
 
 def _arrays_of(shape: PolarShape, cells: _Cells) -> Arrays:
     """Return the arrays of the gas in cells of `shape`, with at least the surface density FLOOR."""
-    radius, azimuth, area = _centroids(shape)
+    radius, azimuth, area = shape.centroids()
     density = cells.mass / area[:, None]
     density = np.maximum(density, FLOOR * density.max())
     out = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)[None]
@@ -172,7 +145,7 @@ def particles_to_cells(shape: PolarShape, gas: Arrays, reach: Array) -> Arrays:
         raise ValueError("the snapshot has no gas in the polar grid; change gas.grid.inner and gas.grid.outer")
     with np.errstate(divide="ignore", invalid="ignore"):
         radial, spin, *others = (row.reshape(shape.rings, shape.angles) for row in sums[1:] / sums[0])
-    spin = spin / np.sqrt(_centroids(shape)[0])[:, None]
+    spin = spin / np.sqrt(shape.centroids()[0])[:, None]
     cells = _Cells(sums[0].reshape(spin.shape), radial, spin, dict(zip(per_mass, others, strict=True)))
     return _arrays_of(shape, _without_gaps(cells))
 
@@ -204,7 +177,7 @@ def cells_to_cells(before: PolarShape, shape: PolarShape, gas: Arrays) -> Arrays
     """
     if before[:2] == shape[:2] and np.allclose(before[2:4], shape[2:4], rtol=1e-12, atol=0.0):
         return gas
-    old, (radius, azimuth, _) = _cells_of(before, gas), _centroids(shape)
+    old, (radius, azimuth, _) = _cells_of(before, gas), shape.centroids()
     spin = gas["mass"] * _spin(gas)
     totals = {"mass": gas["mass"], "spin": spin} | {n: gas["mass"] * v for n, v in _per_mass(gas).items()}
     moved = {name: _remapped(before, shape, values.reshape(old.mass.shape)) for name, values in totals.items()}
@@ -259,33 +232,17 @@ def _angles_by_mass(shape: PolarShape, mass: Array, radius: Array, angle: Array)
     """
     share = np.pad(np.cumsum(mass, axis=1) / mass.sum(axis=1)[:, None], ((0, 0), (1, 0)))
     sides = np.linspace(0.0, 2.0 * np.pi, shape.angles + 1)
-    ring, part = _ring_positions(shape, radius)
+    at = Interpolation(shape, radius, angle)
     moved = np.empty_like(angle)
     first = np.append(np.flatnonzero(np.diff(radius, prepend=-1.0)), len(radius))
     for start, end in pairwise(first):
-        low, weight = ring[start], part[start]
+        low, weight = at.ring[start], at.outwards[start]
         within = (1.0 - weight) * share[low] + weight * share[low + 1]
         moved[start:end] = np.interp(angle[start:end] / (2.0 * np.pi) % 1.0, within, sides)
     return moved
 
 
-def _ring_positions(shape: PolarShape, r: Array) -> tuple[Array, Array]:
-    """Return the ring below each radius, and the part of the way to the next ring, between 0 and 1."""
-    middle = _centroids(shape)[0]
-    position = np.clip(np.interp(np.log(r), np.log(middle), np.arange(shape.rings)), 0.0, shape.rings - 1.0)
-    low = np.minimum(position.astype(np.int64), shape.rings - 2)
-    return low, position - low
-
-
 def _between(shape: PolarShape, cells: _Cells, r: Array, azimuth: Array) -> Arrays:
     """Return the quantities of the cells at points r and azimuth, interpolated linearly in ln r and azimuth."""
-    low, up = _ring_positions(shape, r)
-    along = azimuth * (shape.angles / (2.0 * np.pi)) - 0.5
-    left = np.floor(along).astype(np.int64)
-    right_part = along - left
-    left, right = left % shape.angles, (left + 1) % shape.angles
-    found = {}
-    for name, values in cells.quantities().items():
-        inner, outer = ((1.0 - right_part) * values[k, left] + right_part * values[k, right] for k in (low, low + 1))
-        found[name] = (1.0 - up) * inner + up * outer
-    return found
+    at = Interpolation(shape, r, azimuth)
+    return {name: at.of(values) for name, values in cells.quantities().items()}

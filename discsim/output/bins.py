@@ -86,7 +86,7 @@ class SmoothRings:
         if width is None:
             self._spread = self._spread_by_distance(side, dimensions)
         else:
-            self._spread = partial(_spread_evenly, width=_without_deposit(width / side[0]), measure=self.measure)
+            self._spread = partial(spread_evenly, width=_without_deposit(width / side[0]), measure=self.measure)
 
     def _spread_by_distance(self, side: Array, dimensions: int) -> Callable[[Array], Array]:
         """Return the function that spreads the contents of bins by Gaussians as wide as the distance of particles."""
@@ -156,7 +156,7 @@ def smallest_width(ends: tuple[float, float]) -> float:
     return BINS_PER_WIDTH * (ends[1] - ends[0]) / MAX_BINS
 
 
-def _spread_evenly(contents: Array, width: float, measure: Array) -> Array:
+def spread_evenly(contents: Array, width: float, measure: Array) -> Array:
     """Return the contents (n,) of bins, each spread by a Gaussian with a standard deviation of `width` bins.
 
     The spread content of a bin is proportional to the areas `measure` (n,) of the bins; sums stay the same.

@@ -17,6 +17,7 @@ import numpy as np
 
 from discsim.exact import kepler
 from discsim.formulas.companions import LARGEST_PLANET, hill_radius
+from discsim.output.cells import polar_grid
 
 if TYPE_CHECKING:
     from discsim.output.snapshot import Snapshot, SnapshotParticles
@@ -112,6 +113,13 @@ def ring_density(particles: SnapshotParticles, edges: Array, place: Array, hill:
     angle = np.arctan2(particles.pos[:, 1], particles.pos[:, 0]) - np.arctan2(place[1], place[0])
     angle = np.abs((angle + np.pi) % (2 * np.pi) - np.pi)
     middle = 0.5 * (edges[1:] + edges[:-1])
+    if (grid := polar_grid(particles.pos)) is not None:
+        radius, _, area = grid.centroids()
+        kept = angle.reshape(grid.rings, -1) > excluded_angles(radius, float(np.hypot(*place)), hill)[:, None]
+        mass = np.where(kept, particles.mass.reshape(kept.shape), 0.0).sum(axis=1)
+        with np.errstate(invalid="ignore"):
+            density = mass / (area * kept.sum(axis=1))
+        return np.interp(np.log(middle), np.log(radius), density, left=0.0, right=0.0)
     out = excluded_angles(middle, float(np.hypot(*place)), hill)
     ring = np.clip(np.searchsorted(edges, particles.radius) - 1, 0, len(middle) - 1)
     kept = (angle > out[ring]) & (particles.radius > edges[0]) & (particles.radius < edges[-1])

@@ -28,7 +28,7 @@ from discsim.physics import profile
 from discsim.physics.eos import eos_of
 from discsim.physics.grains import has_individual_sizes
 from discsim.physics.orbits import ContinuedBody, Orbits
-from discsim.physics.polar import polar_shape
+from discsim.physics.polar import polar_shape, shape_of_cells
 from discsim.scene import SceneError, load_scene
 from discsim.scene.differences import FREE_TO_CHANGE, differences
 from discsim.scene.fields import AllowedValues, Count, InputFile, Length, Table, fault
@@ -89,7 +89,7 @@ def _validated_file(value: Any, info: ValidationInfo) -> SnapshotFile:
     heat, polar = snap.gas is not None and snap.gas.u is not None, _is_polar(snap)
     if polar:
         try:
-            regrid.shape_of_cells(snap.about_centre().gas.pos, closed=False)
+            shape_of_cells(snap.about_centre().gas.pos)
         except ValueError as error:
             raise fault(f"{found.path}: {error}, as its scene says; use a snapshot of discsim") from None
     gas = snap.gas.count if snap.gas is not None else 0
@@ -170,7 +170,7 @@ def _regridded_gas(scene: Scene, snap: Snapshot, gas: dict[str, Array]) -> dict[
         reach = held.h * snap.support
         reach = reach if snap.units == scene.units else scene.units.to_code(snap.units.quantity(reach, "length"))
         return regrid.particles_to_cells(polar_shape(scene), gas, reach)
-    before = regrid.shape_of_cells(gas["pos"], closed=False)
+    before = shape_of_cells(gas["pos"])
     if scene.model.polar:
         return regrid.cells_to_cells(before, polar_shape(scene), gas)
     return regrid.cells_to_particles(before, gas, scene.gas.particles, random_stream(scene, "gas"))
@@ -391,7 +391,7 @@ def edges(scene: Scene) -> tuple[float, float]:
     """Return the edges of a polar grid, or the mid radii of the innermost and the outermost ring of particles."""
     if scene.initial.file.polar:
         gas: Any = _cached_snapshot(scene.initial.file).about_centre().gas
-        shape = regrid.shape_of_cells(_arrays_in_code_units(scene, "gas", gas)["pos"], closed=False)
+        shape = shape_of_cells(_arrays_in_code_units(scene, "gas", gas)["pos"])
         return shape.inner, shape.outer
     r = _ring_samples(scene).radius
     return float(r[0]), float(r[-1])

@@ -32,6 +32,60 @@ class PolarShape(NamedTuple):
         """Return the sides (n,) of cells at the radii `r` (n,), the roots of their areas."""
         return r * np.sqrt(np.log(self.outer / self.inner) * 2.0 * np.pi / self.cells)
 
+    def centroids(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return radii (rings,) and azimuths (angles,) of the centroids of cells, and the areas (rings,) of cells."""
+        sides, angle = polar.ring_sides(self.rings, self.inner, self.outer), 2.0 * np.pi / self.angles
+        low, high = sides[:-1], sides[1:]
+        radius = (high**2 + high * low + low**2) / (1.5 * (high + low))
+        return radius, (np.arange(self.angles) + 0.5) * angle, 0.5 * angle * (high - low) * (high + low)
+
+
+class Interpolation:
+    """Interpolation of values in cells of a polar grid, linear in ln r and azimuth, at points `r` and `azimuth`.
+
+    Beyond the centroids of the innermost and outermost ring values are those of this ring. ring, outwards: ring below
+    each point, and the part of the way to the next ring.
+    """
+
+    def __init__(self, shape: PolarShape, r: np.ndarray, azimuth: np.ndarray) -> None:
+        middle = shape.centroids()[0]
+        with np.errstate(divide="ignore"):
+            position = np.interp(np.log(r), np.log(middle), np.arange(shape.rings))
+        self.ring = np.minimum(position.astype(np.int64), shape.rings - 2)
+        self.outwards = position - self.ring
+        along = azimuth * (shape.angles / (2.0 * np.pi)) - 0.5
+        left = np.floor(along).astype(np.int64)
+        self._ahead = along - left
+        self._left, self._right = left % shape.angles, (left + 1) % shape.angles
+
+    def of(self, values: np.ndarray) -> np.ndarray:
+        """Return the `values` (rings, angles) of cells at the points."""
+        inner, outer = (
+            (1.0 - self._ahead) * values[k, self._left] + self._ahead * values[k, self._right]
+            for k in (self.ring, self.ring + 1)
+        )
+        found: np.ndarray = (1.0 - self.outwards) * inner + self.outwards * outer
+        return found
+
+
+def shape_of_cells(pos: np.ndarray, closed: bool = False) -> PolarShape:
+    """Return the polar grid whose cells have the centroids `pos` (n, 2), in rings from the inside.
+
+    Raises ValueError if there is no such grid.
+    """
+    r = np.sqrt((pos**2).sum(axis=1))
+    rings = 1 + int((np.diff(r) > 1e-9 * r[1:]).sum())
+    if rings > 1 and len(r) % rings == 0 and r[0] > 0.0 and r[-1] > r[0]:
+        ratio = float(r[-1] / r[0]) ** (1.0 / (rings - 1))
+        # The centroid of a ring is at 2/3 (r_o^3 - r_i^3) / (r_o^2 - r_i^2).
+        inner = float(r[0]) * 1.5 * (ratio**2 - 1.0) / (ratio**3 - 1.0)
+        shape = PolarShape(rings, len(r) // rings, inner, inner * ratio**rings, closed)
+        radius, azimuth, _ = shape.centroids()
+        wanted = np.stack([np.outer(radius, np.cos(azimuth)), np.outer(radius, np.sin(azimuth))], axis=-1)
+        if np.allclose(pos, wanted.reshape(-1, 2), rtol=0.0, atol=1e-9 * shape.outer):
+            return shape
+    raise ValueError("the gas is not in the cells of a polar grid")
+
 
 def polar_shape(scene: Scene) -> PolarShape:
     """Return the polar grid of a scene: with the edges of [initial], unless gas.grid has others."""

@@ -8,7 +8,7 @@ from scenes import problems
 from discsim import Simulation, read_snapshot
 from discsim.formulas.polar import FLOOR
 from discsim.initial import regrid
-from discsim.physics.polar import PolarShape
+from discsim.physics.polar import PolarShape, shape_of_cells
 
 MASS = 1.3  # of the star
 SPH = {
@@ -35,7 +35,7 @@ def started(path, **gas):
 
 def in_cells(shape):
     """Arrays of gas in cells: two arms on a slope, on elliptic motion that is smooth in ln r and azimuth."""
-    radius, azimuth, area = regrid._centroids(shape)
+    radius, azimuth, area = shape.centroids()
     r, phi = (each.ravel() for each in np.meshgrid(radius, azimuth, indexing="ij"))
     out = np.stack([np.cos(phi), np.sin(phi)], axis=1)
     across = np.stack([-out[:, 1], out[:, 0]], axis=1)
@@ -130,13 +130,13 @@ def test_particles_follow_the_arms_of_cells():
 
 
 def test_the_grid_of_cells_is_found_from_their_places():
-    found = regrid.shape_of_cells(in_cells(SHAPE)["pos"], closed=False)
+    found = shape_of_cells(in_cells(SHAPE)["pos"])
     assert found[:2] == SHAPE[:2]
     np.testing.assert_allclose(found[2:4], SHAPE[2:4], rtol=1e-12)
     moved = in_cells(SHAPE)["pos"]
     moved[7] *= 1.0 + 1e-6
     with pytest.raises(ValueError, match="not in the cells"):
-        regrid.shape_of_cells(moved, closed=False)
+        shape_of_cells(moved)
 
 
 def test_cells_from_particles_stay_in_balance(snapshots):

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from discsim.output.bins import Bins, Rings, SmoothRings, polar_pixels, smooth_edges, square_pixels
+from discsim.output.cells import CellRings, polar_cell_pixels, polar_grid, square_cell_pixels
 from discsim.output.fields.binned import BinnedFields, Optics
 from discsim.parts import EFFECTS, STARTS
 
@@ -27,14 +28,26 @@ def fields_on_pixels(snap: Snapshot, window: Window, pixels: int, optics: Optics
     `snap` is relative to the disc's centre. `optics` is for the fields emission and optical_depth.
     """
     periodic = is_periodic(snap) and np.array_equal(window, (snap.lower, snap.upper))
-    return BinnedFields(snap, lambda p: square_pixels(p.pos, window, pixels, periodic), optics)
+
+    def bins_of(p: SnapshotParticles) -> Bins:
+        if (grid := polar_grid(p.pos)) is not None:
+            return square_cell_pixels(grid, window, pixels)
+        return square_pixels(p.pos, window, pixels, periodic)
+
+    return BinnedFields(snap, bins_of, optics)
 
 
 def fields_on_polar_pixels(
     snap: Snapshot, inner: float, outer: float, pixels: int, optics: Optics | None = None, log: bool = False
 ) -> BinnedFields:
     """Return the fields [phi, r] of `snap` on polar pixels between two radii, with `log` equally spaced in log r."""
-    return BinnedFields(snap, lambda p: polar_pixels(p.pos, inner, outer, pixels, log), optics)
+
+    def bins_of(p: SnapshotParticles) -> Bins:
+        if (grid := polar_grid(p.pos)) is not None:
+            return polar_cell_pixels(grid, inner, outer, pixels, log)
+        return polar_pixels(p.pos, inner, outer, pixels, log)
+
+    return BinnedFields(snap, bins_of, optics)
 
 
 def fields_in_rings(snap: Snapshot, edges: Array, optics: Optics | None = None) -> BinnedFields:
@@ -52,10 +65,12 @@ def smooth_profile(
     """Return the edges of fine rings between the radii `ends`, or in 1D of bins in x, and smoothed fields in them.
 
     The edges are equally spaced, with `log` in the logarithm. `width` is the standard deviation of the smoothing in
-    code units, by default that of `SmoothRings`.
+    code units, by default that of `SmoothRings`; gas in polar cells is smoothed only by a given width.
     """
 
     def bins_of(p: SnapshotParticles) -> Bins:
+        if (grid := polar_grid(p.pos)) is not None:
+            return CellRings(grid, smooth_edges(ends, log, width), width)
         return SmoothRings(p.radius if snap.dimensions == 2 else p.pos[:, 0], ends, snap.dimensions, log, width)
 
     return smooth_edges(ends, log, width), BinnedFields(snap, bins_of, optics)
@@ -63,6 +78,8 @@ def smooth_profile(
 
 def _bins_of(edges: Array, p: SnapshotParticles) -> Bins:
     """Return the rings, or in 1D the bins of x, with the particles `p`."""
+    if (grid := polar_grid(p.pos)) is not None:
+        return CellRings(grid, edges)
     return Rings(p.pos[:, 0], edges, np.diff(edges)) if p.pos.shape[1] == 1 else Rings(p.radius, edges)
 
 
