@@ -144,11 +144,11 @@ class Effect(base.Effect):
             is_damped = name == "gas" and len(zones.reservoir) > 0
             u = state.gas.u if is_damped and state.gas.u is not None else np.empty(0)
             area = cell_areas(self.scene, state.gas) if is_damped else np.empty(0)
-            mass = p.mass.copy() if is_damped and state.gas.small is not None else None
+            mass = p.mass.copy() if is_damped else None
             arguments = p.pos, p.vel, p.mass, u, species, area, row, base.centre_of_disc(state), zones, ahead, dt
             lost = rounded(sum(parallel_for(kernels.relax, p.count, *arguments)))
             state.ledger.damped_momentum += lost[:2]
             state.ledger.damped_angular_momentum += float(lost[2])
             state.ledger.damped_gas += float(lost[3])
             if mass is not None:
-                state.gas.small *= p.mass / mass  # the gas keeps its share of small dust
+                state.gas.keep_contents(mass)

@@ -198,23 +198,23 @@ class Gas(gas.Effect):
             return
         disc = profile.radial(scene)
         with_small = state.gas.small is not None and growth.gas_mass_includes_small_dust(scene)
+        # Small dust is accelerated together with the gas.
+        total = 1.0 + growth.small_ratio_at(scene, r, disc.dust_share) if with_small else 1.0
 
         def given(r: np.ndarray) -> np.ndarray:
             with np.errstate(all="ignore"):
                 push = disc.pressure_acceleration(r)
-            push = np.where((r > disc.inner) & (r < disc.outer) & np.isfinite(push), push, 0.0)
-            # Small dust is accelerated together with the gas.
-            return push / (1.0 + growth.small_ratio_at(scene, r, disc.dust_share)) if with_small else push
+            return np.where((r > disc.inner) & (r < disc.outer) & np.isfinite(push), push, 0.0)
 
         equilibrium = balance.Equilibrium(state, dict(effects))
         pull = equilibrium.gravity(r)
         push = self._mean_pressure_push(state, pull)
-        more = push - given(r)
+        more = total * push - given(r)
         equilibrium.pressure = lambda at: given(at) + np.interp(at, r, more)
         drifting = equilibrium.drifting
         balance.set_velocities(equilibrium, {name: state.species[name] for name in drifting})
         if "gas" not in drifting:
-            squares = [r * np.maximum(pull - outwards, 0.0) for outwards in (push, given(r))]
+            squares = [r * np.maximum(pull - outwards, 0.0) for outwards in (push, given(r) / total)]
             across = self.cells.pos[:, ::-1] * [-1.0, 1.0] / np.repeat(r, self.cells.angles)[:, None]
             change = np.sqrt(squares[0]) - np.sqrt(squares[1])
             state.gas.vel += np.repeat(change, self.cells.angles)[:, None] * across
@@ -314,7 +314,10 @@ class Gas(gas.Effect):
         """Move the gas between the cells, and record what leaves the edges in the ledger."""
         p, ledger = state.gas, state.ledger
         radial_first = (state.step + state.earlier) % 2 == 0
+        before = None if p.radiated is None else p.mass.copy()
         edges = self.cells.move(p.mass, p.vel, p.pressure, p.u, self.gamma, dt, radial_first, p.small)
+        if before is not None:
+            p.radiated *= before / p.mass  # radiated energy is that of a place
         edges = world.processes.sum(edges)  # an edge belongs to one process, and the others add 0
         lost = edges.sum(axis=0)
         if lost.any():

@@ -63,6 +63,8 @@ class Companion(companion.Effect):
         p.mass[rows] = mass - gone
         if p.small is not None:
             p.small[rows] -= small
+        if p.radiated is not None:
+            p.radiated[rows] *= mass / p.mass[rows]
 
     def _spins(self, bodies: Bodies, k: int, others: np.ndarray) -> float:
         """Return the angular momentum of companion `k` about the origin, plus the sum of `others` (n,)."""

@@ -221,6 +221,13 @@ class Gas(Particles):
     last_pressure_acc: Array | None = None
     h_before: Array | None = None  # start value of the iteration for h (if h is not fixed)
 
+    def keep_contents(self, mass: Array) -> None:
+        """Adapt what cells hold after their masses changed from `mass` (n,): small dust and radiated energy."""
+        if self.small is not None:
+            self.small *= self.mass / mass
+        if self.radiated is not None:
+            self.radiated *= mass / self.mass
+
 
 FOLLOWED = ("followed", "divergence", "shocked", "followed_at")  # arrays of quiet gas
 
