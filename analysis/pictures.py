@@ -35,6 +35,7 @@ PICTURES: dict[str, tuple[str, tuple[str, ...], tuple[str, ...]]] = {
     "sky_image": ("dusty_disc", SKY, ("image", *SEEN, *BEAM)),
     "marks": ("planet_dust", (*GAP, "run.snapshots=15"), ("plot", *MARKS)),
     "planet_dust": ("planet_dust", (), ()),
+    "planet_dust_grid": ("planet_dust_grid", (), ()),
     "planet_gap": ("planet_gap", (), ()),
     "planet_gap_grid": ("planet_gap_grid", (), ()),
     "planet_torque": ("planet_torque", (), ()),

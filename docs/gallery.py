@@ -31,6 +31,7 @@ SHIPPED = {
     "gravitoturbulent": "gravitoturbulent.png",
     "cooling_fragments": "cooling_fragments.png",
     "planet_dust": "planet_dust.png",
+    "planet_dust_grid": "planet_dust_grid.png",
     "planet_gap": "planet_gap.png",
     "planet_gap_grid": "planet_gap_grid.png",
     "planet_torque": "planet_torque.png",
