@@ -85,7 +85,8 @@ class Effect(base.Effect):
     def report(cls, scene: Scene, at: base.GasSamples) -> base.Report:
         inner, outer = scene.table("damping").inner, scene.table("damping").outer
         text = "damping.inner overlaps damping.outer, so all gas is damped: leave a gap between the two zones"
-        return base.Report(warnings=[text] if inner and outer and inner[1] > outer[0] else [])
+        overlap = [text] if inner and outer and inner[1] > outer[0] else []
+        return base.Report(warnings=[*overlap, *_cell_warnings(scene)] if scene.model.polar else overlap)
 
     def begin(self, state: State, effects: Mapping[str, base.Effect]) -> None:
         """Compute v* from the starting state."""
@@ -152,3 +153,17 @@ class Effect(base.Effect):
             state.ledger.damped_gas += float(lost[3])
             if mass is not None:
                 state.gas.keep_contents(mass)
+
+
+def _cell_warnings(scene: Scene) -> Iterator[str]:
+    """Yield warnings of zones that damp no ring of a polar grid, or all rings."""
+    shape, keys = polar_shape(scene), scene.table("damping")
+    middle = shape.centroids()[0]
+    for name, zone, damped in (
+        ("inner", keys.inner, keys.inner and middle < keys.inner[1]),
+        ("outer", keys.outer, keys.outer and middle > keys.outer[0]),
+    ):
+        if zone is not None and not damped.any():
+            yield f"damping.{name} contains no cell of the polar grid, so it damps nothing: choose a wider zone"
+        elif zone is not None and damped.all():
+            yield f"damping.{name} contains all cells of the polar grid, so all gas is damped: choose a narrower zone"

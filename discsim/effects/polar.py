@@ -20,12 +20,13 @@ import numpy as np
 from discsim.drag.published.fixed_grid import OF_SPH
 from discsim.effects import alpha_viscosity, base, dust, gas
 from discsim.effects.accretion import Accreted, add_to_body
+from discsim.formulas.polar import MIN_ANGLES, MIN_RINGS, ring_count
 from discsim.initial import balance, start_of
 from discsim.numerics import world
 from discsim.numerics.state import State
 from discsim.numerics.threads import parallel_for
 from discsim.parts import EOS, SCHEMES, Lazy
-from discsim.physics import profile
+from discsim.physics import profile, viscosity
 from discsim.physics.polar import cell_areas, polar_shape
 from discsim.scene.rules import Draft, Problem, quoted, starts_where
 
@@ -39,7 +40,10 @@ growth = Lazy("discsim.physics.growth")
 CELL_COST, HEAT_COST, VISCOUS_COST = 180.0, 120.0, 60.0  # CPU nanoseconds in a step, per cell
 UNSTABLE = 1.5  # step of growing sound waves, over the step limit
 MAX_PUSH = 0.5  # largest pressure force over gravity in the initial balance, as at sharp edges
-VISCOUS_STEP = 0.25  # viscous step limit in dr^2 / nu
+VISCOUS_STEP = 0.25  # viscous step limit in (shorter side)^2 / nu
+LEAST_CELLS = MIN_RINGS * MIN_ANGLES  # smallest number of cells
+THINNEST = 1e-6  # smallest (outer - inner) / inner of a grid
+ELONGATED = 3.0  # smallest ratio of the sides of cells for a warning
 
 
 # Rules
@@ -70,10 +74,32 @@ def _key_problems(draft: Draft) -> Iterator[Problem]:
         elif draft.start.restore is not None and not draft.initial.file.polar:
             wrong = "initial.file has SPH particles and no edges"
             yield ("gas", "grid"), f"{wrong}; add gas.grid.inner and gas.grid.outer"
-    if None not in (inner, outer) and outer <= inner:
-        yield ("gas", "grid", "outer"), "the outer edge is not larger than the inner one; expected outer > inner"
+    yield from _edge_problems(draft, inner, outer)
+    if grid is not None and grid.rings is not None and MIN_ANGLES * grid.rings > max(draft.gas.particles, LEAST_CELLS):
+        wrong = f"{grid.rings} rings have at least {MIN_ANGLES * grid.rings} cells, more than gas.particles"
+        yield ("gas", "grid", "rings"), f"{wrong}; expected at most gas.particles / {MIN_ANGLES}, or remove this key"
     if draft.space and outer is not None and 2.0 * outer > min(draft.space.size):
         yield ("space", "size"), "the space is smaller than the polar grid; expected at least 2 gas.grid.outer"
+
+
+def _edge_problems(draft: Draft, inner: float | None, outer: float | None) -> Iterator[Problem]:
+    """Yield problems of the edges of a polar grid, of which `inner` or `outer` may be that of the initial disc."""
+    ends = tuple(getattr(draft.initial, name, None) for name in ("inner", "outer"))
+    key = "inner" if outer is None else "outer"
+    low, high = (ends[k] if given is None else given for k, given in enumerate((inner, outer)))
+    if None not in (low, high) and high <= low * (1.0 + THINNEST):
+        if inner is not None or outer is not None:
+            wrong = "the outer edge is not larger than the inner one"
+            yield (
+                ("gas", "grid", key),
+                f"{wrong}; expected gas.grid.inner < gas.grid.outer, by default those of [initial]",
+            )
+    elif None not in ends and ((outer or ends[1]) <= ends[0] or (inner or ends[0]) >= ends[1]):
+        wrong = "the grid and the disc of [initial] have no radius in common"
+        yield (
+            ("gas", "grid", key),
+            f"{wrong}; expected gas.grid.inner < initial.outer and gas.grid.outer > initial.inner",
+        )
 
 
 def _disc_problems(draft: Draft) -> Iterator[Problem]:
@@ -189,7 +215,8 @@ class Gas(gas.Effect):
         at = outlook.at
         if at.h is None or at.sound_speed is None:
             return base.Expected()
-        return at.smallest(at.h / scene.gas.eta / (np.sqrt(2.0) * at.sound_speed))
+        side, ratio = at.h / scene.gas.eta, polar_shape(scene).elongation
+        return at.smallest(side / (np.sqrt(ratio + 1.0 / ratio) * at.sound_speed))  # of c_s |(1/dr, 1/(r dphi))|
 
     def begin(self, state: State, effects: Mapping[str, base.Effect]) -> None:
         """Balance gas, and dust that drifts, with the pressure force of the cells instead of the initial profile."""
@@ -346,14 +373,20 @@ def _has_cells(state: State) -> bool:
 
 
 def _resolution_warnings(scene: Scene, at: base.GasSamples) -> Iterator[str]:
-    """Yield a warning of cells that are not smaller than the scale height."""
+    """Yield warnings of cells that are not smaller than the scale height, and of long cells."""
+    shape = polar_shape(scene)
+    longer = max(shape.elongation, 1.0 / shape.elongation)
+    if longer > ELONGATED:
+        square = ring_count(scene.gas.particles, shape.inner, shape.outer)
+        which = "azimuth" if shape.elongation > 1.0 else "radius"
+        yield f"cells are {longer:.3g} times longer in {which}: remove gas.grid.rings, for {square} rings"
     if at.radius is None or at.scale_height is None:
         return
-    ratios = polar_shape(scene).side(at.radius) / at.scale_height
+    ratios = shape.side(at.radius) / at.scale_height
     worst = int(np.argmax(ratios))
     ratio = float(ratios[worst])
     if ratio > 1.0:
-        needed = scene.gas.particles * ratio**2
+        needed = shape.cells * ratio**2
         yield f"cells are {ratio:.2g} H wide {at.where(worst)}: raise gas.particles to about {needed:.2g}"
 
 
@@ -372,7 +405,7 @@ class Dust(dust.Effect):
 
 
 class Viscosity(alpha_viscosity.Effect):
-    """Time-step limit dr^2 / (4 nu) of a shear viscosity in polar cells."""
+    """Time-step limit of a shear viscosity in polar cells: square of the shorter side over 4 nu."""
 
     @classmethod
     def report(cls, scene: Scene, at: base.GasSamples) -> base.Report:
@@ -382,10 +415,25 @@ class Viscosity(alpha_viscosity.Effect):
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
         return VISCOUS_COST * counts.gas
 
+    @classmethod
+    def expected_limit(cls, scene: Scene, outlook: base.ForecastState) -> base.Expected:
+        at = outlook.at
+        nu = None if at.h is None else viscosity.diffusivity_at(scene, at.radius, at.thermal_speed, at.h)
+        if nu is None:
+            return base.Expected()
+        with np.errstate(divide="ignore"):
+            return at.smallest(_viscous_step(scene) * (at.h / scene.gas.eta) ** 2 / nu)
+
     def limit(self, view: base.View) -> dict[str, base.Limit]:
         p = view.gas
         if p.count == 0:
             return {}
         with np.errstate(divide="ignore"):
-            step = float((VISCOUS_STEP * cell_areas(view.scene, p) / p.nu).min())
+            step = float((_viscous_step(view.scene) * cell_areas(view.scene, p) / p.nu).min())
         return {"gas": base.Limit(step, UNSTABLE * step)}
+
+
+def _viscous_step(scene: Scene) -> float:
+    """Return the viscous step limit of a polar grid in (area of a cell) / nu."""
+    ratio = polar_shape(scene).elongation
+    return VISCOUS_STEP * min(ratio, 1.0 / ratio)  # the shorter side, squared

@@ -28,6 +28,11 @@ class PolarShape(NamedTuple):
         """Number of cells."""
         return self.rings * self.angles
 
+    @property
+    def elongation(self) -> float:
+        """Azimuthal over radial side of the cells."""
+        return 2.0 * np.pi / self.angles / float(np.log(self.outer / self.inner) / self.rings)
+
     def side(self, r: np.ndarray) -> np.ndarray:
         """Return the sides (n,) of cells at the radii `r` (n,), the roots of their areas."""
         return r * np.sqrt(np.log(self.outer / self.inner) * 2.0 * np.pi / self.cells)

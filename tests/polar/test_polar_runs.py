@@ -11,6 +11,7 @@ from discsim.exact import nsh, spreading_ring
 from discsim.formulas.polar import FLOOR
 from discsim.physics.polar import polar_shape
 from discsim.preview.check import report
+from discsim.preview.forecast import expected_steps
 from discsim.preview.warnings import warnings
 from discsim.run.forces import PhysicsError
 
@@ -438,3 +439,52 @@ def test_effects_that_run_on_one_process_only(tmp_path, capsys):
         _run_on_mpi(scene, tmp_path, False, True)
     found = capsys.readouterr().err
     assert "on a polar grid [dust_diffusion] and companion.accretion_radius run on one process only" in found
+
+
+@pytest.mark.parametrize("rings", [5, 40])
+def test_the_step_of_long_cells(rings):
+    """Viscosity is stable in cells with sides of ratio 6 and 11, and the forecast counts their steps."""
+    gas = DISC["gas"] | {"particles": 1000, "grid": {"rings": rings, "edges": "closed"}}
+    scene = changed(DISC, run={"until": 0.5 if rings < 10 else 0.12}, gas=gas, alpha_viscosity={"nu": 0.05})
+    sim = Simulation(scene)
+    expected = expected_steps(sim.scene).number
+    sim.gas.vel += 1e-4 * np.random.default_rng(5).standard_normal(sim.gas.vel.shape)
+    sim.run()
+    radial = polar(sim.gas)[1].reshape(rings, -1)
+    assert sim.limited_by == "alpha_viscosity"
+    assert sim.state.step > 80
+    # Viscosity damps the noise. With the step of square cells of this area it grows by 1.5 and more in a step.
+    assert np.abs(radial - radial.mean(axis=1, keepdims=True)).max() < 1e-4
+    assert expected == pytest.approx(sim.state.step, rel=0.25)  # the forecast has the edge, the run the first centroid
+    assert any("times longer" in text for text in warnings(sim.scene))
+
+
+@pytest.mark.parametrize(
+    "key, more",
+    [
+        ("gas.grid.rings", {"grid": {"rings": 501}}),
+        ("gas.grid.inner", {"grid": {"inner": 1.5}}),
+        ("gas.grid.outer", {"grid": {"outer": 0.6}}),
+        ("gas.grid.outer", {"grid": {"inner": 1.6, "outer": 2.1}}),
+        ("gas.grid.inner", {"grid": {"inner": 1.7}}),
+    ],
+)
+def test_grids_without_cells_or_gas_are_refused(key, more):
+    (found,) = problems(changed(DISC, gas=DISC["gas"] | more))
+    assert key in found
+
+
+def test_damping_zones_without_cells_and_over_all_cells():
+    for zone, word in (([0.2, 0.6], "damps nothing"), ([0.4, 1.6], "all gas is damped")):
+        found = [text for text in warnings(load_scene(changed(DISC, damping={"inner": zone}))) if word in text]
+        assert len(found) == 1 and "damping.inner" in found[0]
+    assert not [t for t in warnings(load_scene(changed(DISC, damping={"outer": [1.4, 1.5]}))) if "damping" in t]
+
+
+def test_the_number_of_cells_that_resolve_the_scale_height():
+    """A grid has at least 40 cells, so fewer gas.particles do not lower the number that is needed."""
+    few, more = (
+        [t for t in warnings(load_scene(changed(DISC, gas=DISC["gas"] | {"particles": n}))) if "H wide" in t]
+        for n in (1, 40)
+    )
+    assert few == more != []
