@@ -42,7 +42,6 @@ from discsim.physics import companions as formulas
 from discsim.physics.companions import softening
 from discsim.physics.local import PHASES, resolution
 from discsim.physics.orbits import IN_KICKS, Orbits
-from discsim.physics.polar import polar_shape
 from discsim.scene.keys import Companion as Keys
 from discsim.scene.rules import Draft, Problem, missing_tables
 
@@ -137,8 +136,8 @@ def _local_lengths(scene: Scene, at: base.GasSamples, companion: Any) -> _LocalL
     is_known = scene.background is not None or (gas is not None and _has_height(gas.eos))
     height = float(formulas.scale_height(scene, r)) if is_known else None
     h = None
-    if scene.model.polar:
-        side = float(polar_shape(scene).side(np.array(r)))
+    if scene.model.disc_cells is not None:
+        side = float(scene.model.disc_cells(scene).side(np.array(r)))
         return _LocalLengths(scene.units, softening(scene, companion, r), height, side, "cells")
     if gas is not None and at.particle_mass is not None and (density := _initial_gas(scene, r, "density")) > 0.0:
         mass = at.particle_mass * _initial_gas(scene, r, "relative_mass")

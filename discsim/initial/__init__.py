@@ -14,14 +14,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from discsim.numerics.state import FOLLOWED, Dust, Gas, State
-from discsim.parts import STARTS, Lazy
+from discsim.parts import STARTS, Lazy, import_object
 from discsim.physics.grains import has_sizes, sampled_sizes
 
 if TYPE_CHECKING:
     from discsim.initial.base import Start
     from discsim.scene import Scene
 
-growth, polar = Lazy("discsim.physics.growth"), Lazy("discsim.initial.polar")
+growth = Lazy("discsim.physics.growth")
 ParticleArrays = dict[str, dict[str, Any]]  # {species: {name: array}}
 SPECIES = ("gas", "dust")
 
@@ -50,8 +50,8 @@ def make_particles(scene: Scene) -> ParticleArrays:
     if scene.model.cells:
         return _particles_in_cells(scene)
     arrays = _with_grain_sizes(scene, start_of(scene).particles(scene))
-    if scene.model.polar and start_of(scene).radial is not None:
-        arrays = arrays | {"gas": polar.gas_in_cells(scene)}
+    if scene.model.start_gas is not None and start_of(scene).radial is not None:
+        arrays = arrays | {"gas": import_object(scene.model.start_gas)(scene)}
     return arrays if scene.table("growth") is None else _with_small_dust(scene, arrays)
 
 
@@ -208,9 +208,10 @@ def _make_gas(scene: Scene, given: dict[str, Any]) -> Gas:
         density = np.asarray(given.get("density", common["mass"].sum() / volume))
         h = scene.gas.eta * (common["mass"] / density) ** (1.0 / dim)
     viscous = scene.alpha_viscosity is not None
-    has_kick_acc = scene.gas.viscosity is not None or viscous or u is not None or scene.model.polar
-    is_sph = not scene.model.cells and not scene.model.polar
-    heated = u is not None and (scene.model.polar or (scene.drag is not None and scene.drag.heating))
+    of_model = scene.model.arrays
+    has_kick_acc = scene.gas.viscosity is not None or viscous or u is not None or "kick_acc" in of_model
+    extrapolated = u is not None and "last_pressure_acc" in of_model
+    heated = extrapolated or (u is not None and scene.drag is not None and scene.drag.heating)
     return Gas(
         **common,
         h=h,
@@ -224,12 +225,12 @@ def _make_gas(scene: Scene, given: dict[str, Any]) -> Gas:
         kick_acc=np.zeros((n, dim)) if has_kick_acc else None,
         pressure_acc=np.zeros((n, dim)) if heated else None,
         pressure_vel=np.zeros((n, dim)) if heated else None,
-        last_heating_rate=np.zeros(n) if heated and scene.model.polar else None,
-        last_pressure_acc=np.zeros((n, dim)) if heated and scene.model.polar else None,
+        last_heating_rate=np.zeros(n) if extrapolated else None,
+        last_pressure_acc=np.zeros((n, dim)) if extrapolated else None,
         radiated=None if scene.cooling is None else np.zeros(n),
         immobile=given.get("immobile"),
         nu=np.zeros(n) if viscous else None,
         small=small,
         **({} if scene.gas.quiet is None or scene.star is None else {name: np.zeros(n) for name in FOLLOWED}),
-        h_before=h.copy() if is_sph and scene.gas.smoothing_length is None else None,
+        h_before=h.copy() if "h_before" in of_model and scene.gas.smoothing_length is None else None,
     )

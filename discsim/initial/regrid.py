@@ -17,10 +17,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from discsim.formulas.polar import FLOOR, ring_sides
+from discsim.formulas.polar import FLOOR, Interpolation, PolarShape, ring_sides
 from discsim.initial.refine import gradients
 from discsim.initial.rings import place_on_rings
-from discsim.physics.polar import Interpolation, PolarShape
 
 Array = np.ndarray
 Arrays = dict[str, Array]

@@ -17,7 +17,6 @@ from discsim.initial import balance, disc
 from discsim.initial.base import Array, Curve, SamplePoints
 from discsim.initial.measure import ErrorMeasure, Simulated
 from discsim.physics import profile, viscosity
-from discsim.physics.polar import mass_in_rings
 from discsim.scene.fields import Length, Mass, Number
 
 if TYPE_CHECKING:
@@ -103,7 +102,7 @@ def measure(scene: Scene) -> ErrorMeasure | None:
     def errors(sim: Simulated) -> dict[str, float]:
         start: Any = scene.initial
         edges = np.linspace(0.2, 2.0, ERROR_BINS + 1) * start.radius
-        found = mass_in_rings(scene, sim.gas, edges)
+        found = scene.model.mass_in_rings(scene, sim.gas, edges)
         fine = np.linspace(edges[0], edges[-1], 50 * ERROR_BINS + 1)
         sigma = spreading_ring.surface_density(fine, _viscous_time(scene, sim.time, nu), start.mass, start.radius)
         mass = np.pi * np.diff(fine**2) * 0.5 * (sigma[1:] + sigma[:-1])

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from discsim.formulas.polar import ring_sides
+from discsim.formulas.polar import Interpolation, PolarShape, ring_sides, shape_of_cells
 from discsim.output.bins import spaced_edges, spread_evenly
-from discsim.physics.polar import Interpolation, PolarShape, shape_of_cells
 
 Array = np.ndarray
 

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 import numpy as np
 from pydantic import BeforeValidator, Field, ValidationInfo
 
+from discsim.formulas.polar import shape_of_cells
 from discsim.initial import add_small_dust, random_stream
 from discsim.initial.base import SamplePoints, Start
 from discsim.initial.refine import refine_particles, thin_particles, thinning_range
@@ -28,7 +29,6 @@ from discsim.physics import profile
 from discsim.physics.eos import eos_of
 from discsim.physics.grains import has_individual_sizes
 from discsim.physics.orbits import ContinuedBody, Orbits
-from discsim.physics.polar import polar_shape, shape_of_cells
 from discsim.scene import SceneError, load_scene
 from discsim.scene.differences import FREE_TO_CHANGE, differences
 from discsim.scene.fields import AllowedValues, Count, InputFile, Length, Table, fault
@@ -149,7 +149,7 @@ def particles(scene: Scene) -> dict[str, dict[str, Array]]:
         arrays = _arrays_in_code_units(scene, name, held)
         if "small" in arrays:
             arrays = _with_masses_for_drag(scene, snap, arrays)
-        if name == "gas" and (start.file.polar or scene.model.polar):
+        if name == "gas" and (start.file.polar or scene.model.disc_cells is not None):
             out["gas"] = _regridded_gas(scene, snap, arrays)
             continue
         groups = [arrays]
@@ -164,15 +164,16 @@ def particles(scene: Scene) -> dict[str, dict[str, Array]]:
 
 
 def _regridded_gas(scene: Scene, snap: Snapshot, gas: dict[str, Array]) -> dict[str, Array]:
-    """Return the arrays `gas` of a snapshot in cells of the scene's polar grid, or as particles if it has none."""
-    held: Any = snap.gas
+    """Return the arrays `gas` of a snapshot in the cells of the scene's gas, or as particles if it has none."""
+    held, cells_of = snap.gas, scene.model.disc_cells
     if not scene.initial.file.polar:
+        assert held is not None and cells_of is not None
         reach = held.h * snap.support
         reach = reach if snap.units == scene.units else scene.units.to_code(snap.units.quantity(reach, "length"))
-        return regrid.particles_to_cells(polar_shape(scene), gas, reach)
+        return regrid.particles_to_cells(cells_of(scene), gas, reach)
     before = shape_of_cells(gas["pos"])
-    if scene.model.polar:
-        return regrid.cells_to_cells(before, polar_shape(scene), gas)
+    if cells_of is not None:
+        return regrid.cells_to_cells(before, cells_of(scene), gas)
     return regrid.cells_to_particles(before, gas, scene.gas.particles, random_stream(scene, "gas"))
 
 
@@ -231,13 +232,14 @@ def _stored_scene(scene: Scene) -> Scene | None:
 def continues_run(scene: Scene) -> bool:
     """Return whether a run of `scene` continues the run of its snapshot to rounding.
 
-    The result is True if the snapshot has an open step, if its particles are neither refined nor thinned, if a polar
-    grid has the same cells, and if no key that affects a step has changed.
+    The result is True if the snapshot has an open step, if its particles are neither refined nor thinned, if cells of
+    the gas have the same number, and if no key that affects a step has changed.
     """
     start, before = scene.initial, _stored_scene(scene)
     if _cached_snapshot(start.file).open_step is None or before is None or start.refine > 1 or start.thin > 1:
         return False
-    if scene.model.polar and polar_shape(scene).cells != start.file.gas:
+    cells_of = scene.model.disc_cells
+    if cells_of is not None and cells_of(scene).cells != start.file.gas:
         return False
     return not any(_affects_step(key) for key in differences(before, scene))
 

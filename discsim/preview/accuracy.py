@@ -71,7 +71,7 @@ def _disc_rows(scene: Scene, at: GasSamples) -> Iterator[tuple[str, str]]:
     """Yield the estimates for a disc with gas particles, from the properties `at` of its gas."""
     if at.scale_height is None or at.resolution is None or scene.gas is None or at.omega is None:
         return
-    if scene.model.polar:
+    if not scene.model.is_sph:
         yield from _drag_rows(scene, at)
         return
     ratios, fractions = at.by_mass()

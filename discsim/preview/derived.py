@@ -27,7 +27,6 @@ from discsim.physics.centre import kepler_omega
 from discsim.physics.eos import eos_of
 from discsim.physics.grains import has_sizes, typical_size
 from discsim.physics.local import GasSamples, longest_step, resolution
-from discsim.physics.polar import polar_shape
 from discsim.scene import Scene
 from discsim.scene.units import Units
 
@@ -118,7 +117,7 @@ def derived_rows(scene: Scene) -> list[tuple[str, str]]:
     if scene.model.cells and scene.gas:
         cell = scene.space.size[0] / scene.gas.particles
         rows.append(("fixed grid", f"{scene.gas.particles} cells of {scene.units.show(cell, 'length')}"))
-    if at.h is not None and not scene.model.polar:
+    if at.h is not None and scene.model.is_sph:
         rows.append(("smoothing length h", _quantity_texts(scene.units, at.h, "length")))
     rows += [*_orbit_rows(scene, at), *_drag_rows(scene, at), *_grid_rows(scene)]
     return rows + effect_rows(scene)
@@ -139,7 +138,7 @@ def _mass_rows(scene: Scene) -> Iterator[tuple[str, str]]:
     if scene.gas:
         mass = gas_mass(scene)
         yield "mass of gas", scene.units.show(mass, dimension)
-        if not scene.model.cells and not scene.model.polar:
+        if scene.model.is_sph:
             mean, relative = (
                 mass / particle_count(scene, scene.gas),
                 start_of(scene).sample_all_gas(scene)[0].relative_mass,
@@ -161,7 +160,7 @@ def _orbit_rows(scene: Scene, at: GasSamples) -> Iterator[tuple[str, str]]:
     if at.scale_height is not None and at.sound_speed is not None:
         yield "H/r", _number_texts(at.scale_height / at.radius)
         if at.resolution is not None:
-            if not scene.model.polar:
+            if scene.model.is_sph:
                 yield "h/H", _number_texts(at.resolution / at.scale_height)
             yield "Toomre Q", _number_texts(at.toomre_q)
         slopes = profile.pressure_slopes(scene, at.radius)
@@ -224,8 +223,8 @@ def particle_count(scene: Scene, species: Any) -> int:
     The number can differ from `particles` of this table, because a lattice in 2D has whole rows and columns. Immobile
     particles beyond the ends of a tube or a layer are not counted.
     """
-    if scene.model.polar and species is scene.gas:
-        return polar_shape(scene).cells
+    if scene.model.disc_cells is not None and species is scene.gas:
+        return scene.model.disc_cells(scene).cells
     on_lattice = species.placement == "even" if hasattr(species, "placement") else True
     if scene.space.dimensions == 1 or not on_lattice or scene.initial is None or not start_of(scene).on_lattice:
         return species.particles
@@ -320,8 +319,8 @@ def _smoothing_lengths(scene: Scene, points: SamplePoints) -> Array | None:
         return None
     if scene.gas.smoothing_length is not None:
         return np.full_like(points.density, scene.gas.smoothing_length)
-    if scene.model.polar and points.radius is not None:
-        return scene.gas.eta * polar_shape(scene).side(points.radius)
+    if scene.model.disc_cells is not None and points.radius is not None:
+        return scene.gas.eta * scene.model.disc_cells(scene).side(points.radius)
     mass: float | Array = gas_mass(scene) / particle_count(scene, scene.gas)
     if points.relative_mass is not None:
         mass = mass * points.relative_mass

@@ -19,7 +19,6 @@ from discsim.parts import Lazy
 from discsim.physics import companions
 from discsim.physics.eos import eos_of
 from discsim.physics.local import ForecastState, GasSamples
-from discsim.physics.polar import polar_shape
 from discsim.preview.derived import dust_masses, gas_at_points, gas_at_start, gas_mass, particle_count, stopping_times
 from discsim.scene import Scene
 
@@ -58,9 +57,9 @@ class EstimatedEvolution:
             self.inner, self.innermost = self._first_radii()
             self.outer = float(self.radius[-1])
             self.edge_speed = self._edge_speed()
-        if scene.model.polar:  # the cells stay where they are
-            shape = polar_shape(scene)
-            self.inner, self.outer, self.edge_speed, self.stars = shape.inner, shape.outer, 0.0, []
+        if scene.model.disc_cells is not None:
+            cells = scene.model.disc_cells(scene)
+            self.inner, self.outer, self.edge_speed, self.stars = cells.inner, cells.outer, 0.0, []
 
     def state_at(self, time: float) -> ForecastState:
         """Return the estimated state of the run at `time`."""
@@ -136,8 +135,8 @@ class EstimatedEvolution:
         """
         scene, (points, _) = self.scene, self.start.sample_all_gas(self.scene)
         assert points.radius is not None
-        if scene.model.polar:
-            return points.radius, polar_shape(scene).side(points.radius)
+        if scene.model.disc_cells is not None:
+            return points.radius, scene.model.disc_cells(scene).side(points.radius)
         if scene.gas is not None:
             mass = gas_mass(scene) / particle_count(scene, scene.gas)
             relative = 1.0 if points.relative_mass is None else points.relative_mass

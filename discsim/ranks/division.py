@@ -21,6 +21,7 @@ from discsim.numerics.layout import grid_cells
 from discsim.numerics.threads import parallel_for
 from discsim.ranks.comm import Comm, Route, group_by_rank
 from discsim.ranks.exchange import concatenate
+from discsim.ranks.sph import DividedSph
 
 if TYPE_CHECKING:
     from discsim.numerics.state import Particles, State
@@ -61,6 +62,10 @@ class Division:
         self.curve = np.arange(self.along)
         if dim == 2:
             self.curve = np.argsort(hilbert_index(*np.divmod(np.arange(self.along**2), self.along), bits))
+
+    def divide_gas(self, effect: Any) -> None:
+        """Give the effect of the gas its implementation for several ranks."""
+        effect.sph = DividedSph(self.scene, self.comm)
 
     @property
     def tile_grid(self) -> tuple[Array, float, int]:

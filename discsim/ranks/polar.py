@@ -12,7 +12,7 @@ with the same numbers as on one rank.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -56,6 +56,9 @@ class RingDivision(Division):
         self.ring_edges = self._find_ring_edges()
         self.changed: Callable[[], None] = lambda: None
         self._ring_owners_changed = False
+
+    def divide_gas(self, effect: Any) -> None:
+        effect.cells = DividedCells(effect.cells, self)
 
     def _find_ring_edges(self) -> Array:
         """Return `ring_edges`: a ring belongs to the rank that owns the tiles at its radius."""

@@ -18,13 +18,12 @@ from discsim.parts import Lazy
 from discsim.ranks.comm import Comm
 from discsim.ranks.costs import DividedCosts
 from discsim.ranks.drag import DividedDrag
-from discsim.ranks.sph import DividedSph
 from discsim.ranks.world import ParallelComm
 from discsim.run.simulation import Simulation
 from discsim.run.start import InitialState, begin
 from discsim.scene import Scene
 
-gravity, polar = Lazy("discsim.ranks.gravity"), Lazy("discsim.ranks.polar")
+gravity = Lazy("discsim.ranks.gravity")
 PARTICLE_TYPES: dict[str, Any] = {"gas": Gas, "dust": Dust}
 # Fields of a state that are the same on all ranks.
 SHARED_FIELDS = ("time", "step", "earlier", "velocity_lag", "ledger", "subcycle_clock", "bodies")
@@ -95,10 +94,7 @@ def divide(sim: Simulation, comm: Comm) -> ParallelComm:
     ranks.distribute(sim.state)
     effects: Any = sim.effects
     if sim.scene.gas is not None and not sim.scene.model.cells:
-        if sim.scene.model.polar:
-            effects["gas"].cells = polar.DividedCells(effects["gas"].cells, ranks.division)
-        else:
-            effects["gas"].sph = DividedSph(sim.scene, comm)
+        ranks.division.divide_gas(effects["gas"])
         if sim.scene.drag is not None:
             drag = effects["drag"]
             drag.engine = DividedDrag(sim.scene, drag.engine.star, ranks.division)

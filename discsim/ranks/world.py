@@ -10,9 +10,8 @@ from mpi4py import MPI
 
 from discsim.effects.base import is_sort_step
 from discsim.numerics.world import NeededCells
-from discsim.parts import Lazy
+from discsim.parts import import_object
 from discsim.ranks.comm import Comm
-from discsim.ranks.division import Division
 from discsim.ranks.exchange import (
     FetchedGhosts,
     GatheredParticles,
@@ -26,7 +25,6 @@ if TYPE_CHECKING:
     from discsim.numerics.state import Particles, State
     from discsim.scene import Scene
 
-polar = Lazy("discsim.ranks.polar")
 Array = np.ndarray
 
 
@@ -40,7 +38,7 @@ class ParallelComm:
 
     def __init__(self, scene: Scene, comm: Comm) -> None:
         self.comm = comm
-        self.division = polar.RingDivision(scene, comm) if scene.model.polar else Division(scene, comm)
+        self.division = import_object(scene.model.division)(scene, comm)
         self.balance = 1.0  # the cost of the most loaded rank over the mean
         self.drop_functions: list[Callable[[], None]] = [self.division.drop_bounds]
 

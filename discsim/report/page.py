@@ -91,7 +91,7 @@ def _fact_rows(scene: Scene, rows: list[dict[str, str]]) -> Iterator[tuple[str, 
     yield "time", f"{show(float(rows[0]['time']))} to {show(last)}; {ended}"
     yield "steps", rows[-1]["step"]
     if scene.gas is not None:
-        yield "gas", f"{scene.gas.particles:,} {'cells' if scene.model.cells or scene.model.polar else 'particles'}"
+        yield "gas", f"{scene.gas.particles:,} {scene.model.elements}"
     for each, dust in zip(populations_of(tomllib.loads(scene.text)), scene.dust or (), strict=False):
         yield each.legend if len(scene.dust) > 1 else "dust", f"{dust.particles:,} particles"
     yield "effects", ", ".join(scene.effects)

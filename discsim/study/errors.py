@@ -15,7 +15,6 @@ from discsim.initial import start_of
 from discsim.initial.measure import ErrorMeasure
 from discsim.output.history import history_columns, history_row
 from discsim.physics.eos import eos_of
-from discsim.physics.polar import mass_in_rings
 from discsim.run.simulation import Simulation
 from discsim.scene import Scene
 
@@ -48,7 +47,7 @@ def binned_masses(sim: Simulation) -> dict[str, list[float]]:
         if is_disc(scene):
             edges = np.linspace(0.0, 0.5 * min(scene.space.size), RINGS + 1)
             if kind == "gas":
-                mass = mass_in_rings(scene, p, edges)
+                mass = scene.model.mass_in_rings(scene, p, edges)
             else:
                 mass, _ = np.histogram(np.sqrt((p.pos**2).sum(axis=1)), edges, weights=p.mass)
         else:

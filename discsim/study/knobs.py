@@ -271,7 +271,7 @@ class Knobs:
                 number = float(value) if not isinstance(value, str) else 1.0
                 most = self._longest_courant() if key == "run.courant" else math.inf
                 yield Knob(key, (key,), _write_multiple(key), ratio, (), *_rung_limits(key, number, ratio, most))
-        if scene.gas and not scene.model.cells and not scene.model.polar:
+        if scene.gas and scene.model.is_sph:
             key = "gas.eta" if scene.gas.smoothing_length is None else "gas.smoothing_length"
             more, stride = MORE_NEIGHBOURS[scene.space.dimensions]
             ends = -3 * UNITS_PER_RUNG, 6 * UNITS_PER_RUNG

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from discsim.formulas.polar import PolarShape, shape_of_cells
 from discsim.output.bins import polar_pixels, smooth_edges
 from discsim.output.cells import CellRings, polar_cell_pixels, polar_grid, square_cell_pixels
-from discsim.physics.polar import PolarShape, shape_of_cells
 
 SHAPE = PolarShape(36, 130, 0.7, 2.1, False)
 

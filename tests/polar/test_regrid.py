@@ -6,9 +6,8 @@ from runs import put_out
 from scenes import problems
 
 from discsim import Simulation, read_snapshot
-from discsim.formulas.polar import FLOOR
+from discsim.formulas.polar import FLOOR, PolarShape, shape_of_cells
 from discsim.initial import regrid
-from discsim.physics.polar import PolarShape, shape_of_cells
 
 MASS = 1.3  # of the star
 SPH = {
