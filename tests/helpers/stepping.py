@@ -48,10 +48,12 @@ def moving(sim):
 
 
 def totals(sim):
-    """Mass, momentum and (2D) angular momentum of gas and dust, with what the star has taken."""
+    """Mass, momentum and (2D) angular momentum of gas and dust, with what the star has taken; mass of companions too."""
     ledger, found = sim.state.ledger, {"mass": 0.0, "momentum": 0.0, "spin": 0.0, "size": 0.0}
-    found["mass"] += ledger.accreted_gas + ledger.accreted_dust + ledger.accreted_small
+    found["mass"] += ledger.accreted_gas + ledger.accreted_dust + ledger.accreted_small + ledger.damped_gas
     found["spin"] += ledger.accreted_angular_momentum
+    if sim.bodies is not None:
+        found["mass"] += sim.bodies.accreted[1:].sum()  # the star's is in the ledger
     for mass, pos, vel in moving(sim):
         found["mass"] += mass.sum()
         found["momentum"] += mass @ vel
