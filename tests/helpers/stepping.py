@@ -48,7 +48,7 @@ def moving(sim):
 
 
 def totals(sim):
-    """Mass, momentum and (2D) angular momentum of gas and dust, with what the star has taken; mass of companions too."""
+    """Mass, momentum and (2D) angular momentum of gas and dust, with what the star and companions have taken."""
     ledger, found = sim.state.ledger, {"mass": 0.0, "momentum": 0.0, "spin": 0.0, "size": 0.0}
     found["mass"] += ledger.accreted_gas + ledger.accreted_dust + ledger.accreted_small + ledger.damped_gas
     found["spin"] += ledger.accreted_angular_momentum
