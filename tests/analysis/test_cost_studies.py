@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from drags import POLAR
 from rich.console import Console
 
 from discsim import Simulation
@@ -139,7 +140,7 @@ def test_waves_and_shocks_are_made_with_every_scheme(cost_module, tmp_path, caps
     assert module.main(["-o", str(tmp_path), "--studies", "wave,shock"]) == 0
     for problem in ("wave-0.5", "shock"):
         rows = [row for folder in tmp_path.glob(f"{problem}*") for row in rows_of(folder / "cost.csv")]
-        assert sorted({row["drag.scheme"] for row in rows}) == sorted(SCHEMES)
+        assert sorted({row["drag.scheme"] for row in rows}) == sorted({*SCHEMES} - {*POLAR})
         assert all(row["status"] == "done" for row in rows)
         errors = {(row["drag.scheme"], row["gas.particles"]): float(row["error"]) for row in rows}
         assert all(error < 0.3 for error in errors.values())

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from drags import BETWEEN_PAIRS, INTERPOLATING, OF_PARTICLES, ON_GRID
+from drags import BETWEEN_PAIRS, INTERPOLATING, OF_PARTICLES, ON_GRID, POLAR
 from stepping import LOCALLY, assert_sane, choices, disc, momentum, scene, totals
 
 from discsim import Simulation, load_scene
@@ -42,8 +42,8 @@ KEEPING = {  # dimensions, law, and what is laid over tables of the scene
 
 def test_every_drag_law_is_stepped_here():
     assert set(LAWS) == set(choices(TABLES["drag"], "law"))
-    # Those of the fixed grid are in tests/numerics/test_ppm.py.
-    assert {*OF_PARTICLES, *ON_GRID} == set(choices(TABLES["drag"], "scheme"))
+    # Those of the fixed grid are in tests/numerics/test_ppm.py, those of polar cells in tests/polar/test_polar_drag.py.
+    assert {*OF_PARTICLES, *ON_GRID, *POLAR} == set(choices(TABLES["drag"], "scheme"))
 
 
 every_drag = pytest.mark.parametrize(

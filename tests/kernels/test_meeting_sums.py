@@ -9,6 +9,7 @@ from discsim.kernels.dust import diffusion, growth
 from discsim.kernels.sph.packs import CHUNK
 from discsim.kernels.sph.smoothing import CUBIC, NORM, shape
 from discsim.numerics import meeting
+from discsim.numerics.sph import Sph
 
 ROUNDING = {"rtol": 1e-12, "atol": 1e-13}  # of sums of thousands of terms in another order, in units of the largest
 
@@ -39,9 +40,8 @@ def most_listed(lists):
 
 
 def test_growth_sums_what_is_about_a_grain_and_a_gas_particle(sim):
-    gas, dust, effect = sim.gas, sim.dust, sim.effects["growth"]
-    met = meeting.GasCells(effect.sph, gas).neighbours_of(dust.pos, dust.global_index)
-    field = effect._surroundings(sim.state, met, np.zeros(2))
+    gas, dust, around = sim.gas, sim.dust, sim.effects["growth"].gas_around(sim.state)
+    met, field = around.met, around.find(np.zeros(2))
     assert max(most_listed(met.gas_about), most_listed(met.grains_about)) > CHUNK  # packs are filled more than once
     w, steep, way = weights(dust.pos, gas.pos, gas.h)
     own, volume, there = gas.mass - gas.small, gas.mass / gas.density, w.sum(axis=1) > 0.0
@@ -66,8 +66,8 @@ def test_growth_sums_what_is_about_a_grain_and_a_gas_particle(sim):
 def test_what_grains_take_is_what_gas_gives(sim):
     """Pair by pair, also where more is asked than there is."""
     gas, dust, effect = sim.gas, sim.dust, sim.effects["growth"]
-    met = meeting.GasCells(effect.sph, gas).neighbours_of(dust.pos, dust.global_index)
-    field, before = effect._surroundings(sim.state, met, np.zeros(2)), dust.mass.copy()
+    around = effect.gas_around(sim.state)
+    field, before = around.find(np.zeros(2)), dust.mass.copy()
     w, _, way = weights(dust.pos, gas.pos, gas.h)
     bent = 1.0 - np.einsum("jid,jd->ji", way, field[:, growth.TAKE + 1 : growth.TAKE + 3])
     wanted = np.where(np.arange(dust.count) % 3 == 0, -0.1, 0.4) * dust.mass * (w.sum(axis=1) > 0.0)
@@ -76,13 +76,13 @@ def test_what_grains_take_is_what_gas_gives(sim):
     small, own = gas.small.copy(), gas.mass - gas.small
     bent = 1.0 - np.einsum("jid,jd->ji", way, field[:, growth.GIVE + 1 : growth.GIVE + 3])
     come = own * (w * bent * (field[:, growth.GIVE] * np.maximum(-wanted, 0.0))[:, None]).sum(axis=0)
-    effect._exchange_mass(sim.state, met, field, wanted)
+    effect._change_gas(sim.state, *around.exchange(wanted))
     alike(dust.mass - before, np.minimum(wanted, 0.0) + parts @ (small / np.maximum(1.0, asked)))
     alike(gas.small - small, come - small * np.minimum(1.0, asked))
 
 
 def test_diffusion_sums_the_gas_about_a_grain(sim):
-    gas, dust, sph = sim.gas, sim.dust, sim.effects["growth"].sph
+    gas, dust, sph = sim.gas, sim.dust, Sph(sim.scene)
     met = meeting.GasCells(sph, gas).neighbours_of(dust.pos, dust.global_index)
     field, speed2, part = np.zeros((dust.count, 7)), gas.sound_speed**2, met.gas_about[0]
     filled = met.grain_cells.filled

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from discsim import Simulation, load_scene
+from discsim.effects.models import SPH
 from discsim.study.errors import RINGS, binned_masses
 from discsim.study.measures import MODES, mean_run, measures_of, structure_of
 
@@ -14,7 +15,7 @@ SIZE = 2.0
 
 def sim_of(**species):
     space = SimpleNamespace(dimensions=2, size=(SIZE, SIZE))
-    scene = SimpleNamespace(centred=True, space=space, model=SimpleNamespace(polar=False))
+    scene = SimpleNamespace(centred=True, space=space, model=SPH)
     made = {kind: SimpleNamespace(pos=pos, mass=np.full(len(pos), 1.0 / len(pos))) for kind, pos in species.items()}
     return SimpleNamespace(scene=scene, state=SimpleNamespace(species=made))
 
