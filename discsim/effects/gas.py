@@ -41,7 +41,6 @@ sums = Lazy("discsim.numerics.sph")
 PARTICLE, NEIGHBOUR = 300.0, {"double": 27.0, "single": 15.0}
 RECONSTRUCTED, QUIET_COST = 1.2, 150.0  # factor on NEIGHBOUR for reconstructed velocities; per particle of quiet gas
 QUIET_EOS = ("isothermal", "locally-isothermal")  # kinds of eos that allow quiet gas
-LEAST_ENERGY = 0.2  # smallest energy per mass of gas in polar cells after a kick, over that before
 DENSITY = "gas.density"  # name of the operator that computes it
 
 
@@ -321,10 +320,7 @@ def kick_energy(state: State, dt: float) -> None:
 
 
 def _energy_after(state: State | base.View, dt: float) -> np.ndarray:
-    """Return the specific energies (n,) of the gas after dt of heating at the rate `kick_rate` and of cooling.
-
-    Gas in polar cells keeps the fraction LEAST_ENERGY of its energy, where it expands into almost empty cells.
-    """
-    gas = state.gas
+    """Return the specific energies (n,) of the gas after dt of heating at the rate `kick_rate` and of cooling."""
+    gas, least = state.gas, state.scene.model.least_energy
     after = gas.u + dt * gas.kick_rate if state.cooled_energy is None else state.cooled_energy(gas, dt)
-    return np.maximum(after, LEAST_ENERGY * gas.u) if state.scene.model.polar else after
+    return np.maximum(after, least * gas.u) if least > 0.0 else after

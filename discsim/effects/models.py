@@ -28,10 +28,11 @@ class GasModel:
     given: function (scene) that returns prescribed gas, which has no particles; None for other gas. cells: whether gas
     and dust are fluids on a fixed 1D grid; each entry of a particle array is then a grid cell. disc_cells: function
     (scene) that returns the cells of a disc whose gas is in cells that stay in place; None for other gas. Dust in it
-    consists of particles. elements: word for the entries of an array of the gas. arrays: the arrays of the gas that
-    not all models have. start_gas: "module:object" of the function (scene) that returns the gas of a start with radial
-    profiles, if not the start makes it. sampler: "module:object" of the class that samples the gas at the positions of
-    grains (`effects/sampling.py`). division: "module:object" of the class that divides space and gas among MPI ranks.
+    consists of particles. elements: word for the entries of an array of the gas. arrays: the arrays of the gas that not
+    all models have. least_energy: smallest energy per mass after a kick, over that before. start_gas: "module:object"
+    of the function (scene) that returns the gas of a start with radial profiles; None if the start makes it. sampler:
+    "module:object" of the class that samples the gas at the positions of grains (`effects/sampling.py`). division:
+    "module:object" of the class that divides space and gas among MPI ranks.
     """
 
     applies_to: Callable[[Scene], bool]
@@ -41,7 +42,8 @@ class GasModel:
     cells: bool = False
     disc_cells: Callable[[Scene], PolarShape] | None = None
     elements: str = "particles"
-    arrays: frozenset[str] = frozenset({"h_before"})
+    arrays: frozenset[str] = frozenset({"gradh", "h_before"})
+    least_energy: float = 0.0
     start_gas: str | None = None
     sampler: str = "discsim.effects.sampling:SphSampler"
     division: str = "discsim.ranks.division:Division"
@@ -96,6 +98,7 @@ POLAR_CELLS = GasModel(
     disc_cells=lambda scene: polar.polar_shape(scene),  # imports the module at the first call
     elements="cells",
     arrays=frozenset({"kick_acc", "last_heating_rate", "last_pressure_acc"}),
+    least_energy=0.2,  # gas that expands into almost empty cells would lose all its energy
     start_gas="discsim.initial.polar:gas_in_cells",
     sampler="discsim.effects.sampling:PolarSampler",
     division="discsim.ranks.polar:RingDivision",

@@ -178,18 +178,18 @@ class Gas(gas.Effect):
 
     def _place(self, state: State) -> None:
         """Put the cells at their centroids, and set their smoothing lengths. Raises ValueError for other particles."""
-        scene, particles = self.scene, state.gas
-        if particles.pos.shape != self.cells.pos.shape:
-            wrong = f"the gas has {particles.count} cells, but the polar grid has {len(self.cells.pos)}"
+        scene, particles, pos = self.scene, state.gas, self.cells.pos
+        if particles.pos.shape != pos.shape:
+            wrong = f"the gas has {particles.count} cells, but the polar grid has {len(pos)}"
             raise ValueError(f"{wrong}; take positions from discsim.numerics.polar.PolarCells")
-        if np.abs(particles.pos - self.cells.pos).max() > 1e-9 * self.cells.geometry.sides[-1]:
+        if np.abs(particles.pos - pos).max() > 1e-9 * self.cells.geometry.sides[-1]:
             raise ValueError("the gas is not at the centroids of the cells of gas.grid, in rings from the inside")
         if particles.immobile is not None:
             raise ValueError("immobile gas is not possible on a polar grid; remove the array immobile of the gas")
         if scene.star is not None and scene.star.accretion_radius > self.cells.geometry.sides[0]:
             inner = scene.units.show(self.cells.geometry.sides[0], "length")
             raise ValueError(f"star.accretion_radius is above {inner}, the inner edge of the polar grid; lower it")
-        particles.pos[:] = self.cells.pos
+        particles.pos[:] = pos
         particles.h[:] = scene.gas.eta * np.sqrt(self.cells.area)
 
     @classmethod
@@ -304,10 +304,11 @@ class Gas(gas.Effect):
         if lag > 0.0:
             push = np.zeros_like(acc)
             self._add_forces(view, u, push)
-            u = np.maximum(u + lag * (p.heating_rate - p.last_heating_rate), gas.LEAST_ENERGY * p.u)
+            u = np.maximum(u + lag * (p.heating_rate - p.last_heating_rate), self.scene.model.least_energy * p.u)
             rate = rate + push - p.last_pressure_acc
             self.cells.find_velocities(p.vel, rate, lag)
-        p.pressure_vel[:] = p.vel + lag * rate
+        if p.pressure_vel is not None:
+            p.pressure_vel[:] = p.vel + lag * rate
         return self._add_forces(view, u, acc)
 
     def _add_forces(self, view: base.View | State, u: np.ndarray | None, acc: np.ndarray) -> float:

@@ -211,20 +211,19 @@ def _make_gas(scene: Scene, given: dict[str, Any]) -> Gas:
     of_model = scene.model.arrays
     has_kick_acc = scene.gas.viscosity is not None or viscous or u is not None or "kick_acc" in of_model
     extrapolated = u is not None and "last_pressure_acc" in of_model
-    heated = extrapolated or (u is not None and scene.drag is not None and scene.drag.heating)
+    by_drag = u is not None and scene.drag is not None and scene.drag.heating
     return Gas(
         **common,
         h=h,
         density=np.zeros(n),
-        gradh=np.ones(n),
         pressure=np.zeros(n),
         sound_speed=np.zeros(n),
         u=u,
         heating_rate=None if u is None else np.zeros(n),
         kick_rate=None if u is None else np.zeros(n),
         kick_acc=np.zeros((n, dim)) if has_kick_acc else None,
-        pressure_acc=np.zeros((n, dim)) if heated else None,
-        pressure_vel=np.zeros((n, dim)) if heated else None,
+        pressure_acc=np.zeros((n, dim)) if extrapolated or by_drag else None,
+        pressure_vel=np.zeros((n, dim)) if by_drag else None,
         last_heating_rate=np.zeros(n) if extrapolated else None,
         last_pressure_acc=np.zeros((n, dim)) if extrapolated else None,
         radiated=None if scene.cooling is None else np.zeros(n),
@@ -232,5 +231,6 @@ def _make_gas(scene: Scene, given: dict[str, Any]) -> Gas:
         nu=np.zeros(n) if viscous else None,
         small=small,
         **({} if scene.gas.quiet is None or scene.star is None else {name: np.zeros(n) for name in FOLLOWED}),
+        gradh=np.ones(n) if "gradh" in of_model else None,
         h_before=h.copy() if "h_before" in of_model and scene.gas.smoothing_length is None else None,
     )

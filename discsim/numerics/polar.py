@@ -63,8 +63,7 @@ class PolarCells:
         """Set the rings in work arrays, whose geometry is `geometry`; own: number of own rings."""
         self.geometry, self.rings = geometry, len(geometry.radius)
         self.own = slice(geometry.first, geometry.first + own)
-        for name in ("area", "pos"):
-            self.__dict__.pop(name, None)
+        self.__dict__.pop("area", None)
         self.fields, self.new = np.empty((2, 0, 0, 0))
         self.padded = np.empty((2, self.rings + 2 * GHOSTS, self.angles))
         self.swept = np.empty((self.rings + 1, self.angles))
@@ -81,7 +80,7 @@ class PolarCells:
         """Areas (n,) of the own cells."""
         return np.repeat(self.geometry.volume[self.own] * self.geometry.angle, self.angles)
 
-    @cached_property
+    @property
     def pos(self) -> Array:
         """Centroids (n, 2) of the own cells."""
         radius, pos = self.geometry.radius[self.own], np.empty((*self.shape, 2))

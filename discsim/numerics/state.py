@@ -193,7 +193,7 @@ class Gas(Particles):
 
     h: Array
     density: Array
-    gradh: Array
+    gradh: Array | None = None  # None unless the gas consists of SPH particles
     pressure: Array
     sound_speed: Array
     # None unless the scene needs them:
@@ -203,8 +203,8 @@ class Gas(Particles):
     # and du/dt of adiabatic gas.
     kick_acc: Array | None = None
     kick_rate: Array | None = None
-    # For gas that drag heats and adiabatic gas in polar cells, (n, dimensions): acceleration by pressure and viscosity,
-    # and the velocity used for their work.
+    # For gas that drag heats and adiabatic gas in polar cells, (n, dimensions): acceleration by pressure and viscosity;
+    # and for gas that drag heats, the velocity used for their work.
     pressure_acc: Array | None = None
     pressure_vel: Array | None = None
     radiated: Array | None = None  # energy per mass lost by cooling since the start (gas that cools)

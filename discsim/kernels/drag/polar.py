@@ -33,6 +33,7 @@ from discsim.kernels.drag.frame import orbital_frequency
 from discsim.kernels.drag.laws import stopping_time
 from discsim.kernels.drag.nonlinear import relax_nonlinear
 from discsim.kernels.drag.relax import relax_means, response
+from discsim.kernels.polar.sampling import near_column, near_ring, weights
 
 PARTS, NEAREST = 9, 4  # number of parts of a grain, and the part in the cell that contains the grain
 # Columns of the table of grains: unit vector along r, r, r^-2, r^(-1/2), and polar components of velocity and source.
@@ -75,14 +76,6 @@ class CellScratch(NamedTuple):
     coupled: np.ndarray
 
 
-@inline_jit
-def weight(part, d):
-    """Return the weight of the cell one below, at or one above the nearest cell, whose centre is `d` cells below."""
-    if part == 1:
-        return 0.75 - d * d
-    return 0.5 * (0.5 - d) ** 2 if part == 0 else 0.5 * (0.5 + d) ** 2
-
-
 @jit_no_alloc
 def divide_grains(first, last, pos, geometry, cell, share):
     """Write the cells of the parts of each grain to `cell` (n, PARTS), and their shares of its mass to `share`.
@@ -102,12 +95,12 @@ def divide_grains(first, last, pos, geometry, cell, share):
             continue
         out, around = (math.log(r) - start) * per_ring, math.atan2(y, x) / geometry.angle
         i, j = math.floor(out), math.floor(around)
-        d, e = out - i - 0.5, around - j - 0.5
+        across, along = weights(out - i - 0.5), weights(around - j - 0.5)
         for a in range(3):
-            row, along = min(max(i + a - 1, 0), rings - 1), weight(a, d)
+            row = near_ring(i, a, rings)
             for b in range(3):
-                cell[k, 3 * a + b] = row * angles + (j + b - 1) % angles
-                share[k, 3 * a + b] = along * weight(b, e)
+                cell[k, 3 * a + b] = row * angles + near_column(j, b, angles)
+                share[k, 3 * a + b] = across[a] * along[b]
 
 
 @jit_no_alloc

@@ -47,12 +47,12 @@ from typing import NamedTuple
 import numpy as np
 
 from discsim.jit.decorators import jit, jit_subroutine
+from discsim.kernels.common.arc import move_on_arc
 from discsim.kernels.drag.laws import drag_factor, drag_factor_slope, drag_speed_terms, is_linear_up_to, stopping_time
 from discsim.kernels.drag.nonlinear import MOST, TOLERANCE, step_ratio
 
 SERIES = 1e-2  # dt/t below which differences of exponentials are computed from their series
 ROUNDS = 5  # largest number of iterations for N
-STRAIGHT = 0.5  # if a drift reduces the radius by more than this factor, the grain moves on a straight line
 
 
 class Disc(NamedTuple):
@@ -394,14 +394,4 @@ def drift_dust(first, last, pos, vel, dt):
         x, y, vx, vy = pos[i, 0], pos[i, 1], vel[i, 0], vel[i, 1]
         r = math.sqrt(x * x + y * y)
         v, spin = (x * vx + y * vy) / r, x * vy - y * vx
-        after = r + dt * v
-        if after > STRAIGHT * r:
-            angle = spin * dt / (r * after)
-            c, s = math.cos(angle) / r, math.sin(angle) / r
-            x, y = x * c - y * s, x * s + y * c
-            pos[i, 0], pos[i, 1] = after * x, after * y
-            w = spin / after
-            vel[i, 0], vel[i, 1] = v * x - w * y, v * y + w * x
-        else:
-            pos[i, 0] += dt * vx
-            pos[i, 1] += dt * vy
+        move_on_arc(i, r, r + dt * v, v, spin, dt, pos, vel)

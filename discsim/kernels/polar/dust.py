@@ -10,8 +10,7 @@ gas, at any step; a leapfrog in Cartesian coordinates is slower by (Omega dt)^2 
 import math
 
 from discsim.jit.decorators import jit_no_alloc
-
-STRAIGHT = 0.5  # smallest change of r, as a factor, for which eq. (1) is used; else grains move on straight lines
+from discsim.kernels.common.arc import move_on_arc
 
 
 @jit_no_alloc
@@ -24,13 +23,4 @@ def drift(first, last, pos, vel, dt):
         before = 0.5 * dt * spin * spin
         v = (x * vx + y * vy) / r + before / r**3 if r > 0.0 else 0.0
         after = r + dt * v
-        if after > STRAIGHT * r:
-            angle = spin * dt / (r * after)
-            c, s = math.cos(angle) / r, math.sin(angle) / r
-            x, y = x * c - y * s, x * s + y * c
-            pos[i, 0], pos[i, 1] = after * x, after * y
-            v, w = v + before / after**3, spin / after
-            vel[i, 0], vel[i, 1] = v * x - w * y, v * y + w * x
-        else:
-            pos[i, 0] += dt * vx
-            pos[i, 1] += dt * vy
+        move_on_arc(i, r, after, v + before / after**3, spin, dt, pos, vel)

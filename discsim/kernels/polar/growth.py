@@ -12,7 +12,7 @@ import numpy as np
 from discsim.jit.decorators import inline_jit, jit
 from discsim.kernels.dust.growth import COLUMNS, GIVE, TAKE, VEL
 from discsim.kernels.dust.growth_sums import FAR, FLOW, MEANS, MOMENTS_OF_GAS, MOMENTS_OF_SMALL, write_surroundings
-from discsim.kernels.polar.sampling import near_column, near_ring, weight_in_ring, weights
+from discsim.kernels.polar.sampling import near_column, near_ring, slopes, weight_in_ring, weights
 
 
 class CarrierCells(NamedTuple):
@@ -51,7 +51,7 @@ def gather(first, last, pos, places, carriers, grown, geometry, field):
             continue
         sums[:] = 0.0
         x, y, s = pos[g, 0], pos[g, 1], places.offset[g, 0]
-        across, along, slope = weights(s), weights(places.offset[g, 1]), (s - 0.5, -2.0 * s, s + 0.5)
+        across, along, slope = weights(s), weights(places.offset[g, 1]), slopes(s)
         for a in range(3):
             i = near_ring(places.ring[g], a, rings)
             per_area = 1.0 / (geometry.volume[i] * geometry.angle)

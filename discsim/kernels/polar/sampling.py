@@ -70,6 +70,12 @@ def weights(t):
 
 
 @inline_jit
+def slopes(t):
+    """Return the derivatives of the three weights b of eq. (1)."""
+    return t - 0.5, -2.0 * t, t + 0.5
+
+
+@inline_jit
 def near_ring(ring, k, rings):
     """Return the ring `ring` + k - 1, or the ring at the edge beyond it."""
     return min(max(ring + k - 1, 0), rings - 1)
@@ -106,7 +112,7 @@ def sample(first, last, pos, places, mass, speed2, geometry, field):
         if places.ring[g] < 0:
             continue
         s, t = places.offset[g, 0], places.offset[g, 1]
-        across, along, slope, turn = weights(s), weights(t), (s - 0.5, -2.0 * s, s + 0.5), (t - 0.5, -2.0 * t, t + 0.5)
+        across, along, slope, turn = weights(s), weights(t), slopes(s), slopes(t)
         total = rise = twist = heat = heat_rise = heat_twist = 0.0
         for a in range(3):
             i = near_ring(places.ring[g], a, rings)
