@@ -107,7 +107,7 @@ def conserved(sim):
 
 @pytest.mark.parametrize("rate", [{}, {"accretion_rate": 3.0}])
 def test_accretion_conserves_mass_momentum_and_angular_momentum(rate):
-    """Of an event alone, with gas of unequal masses, u and small dust: to rounding, of gas and live companions."""
+    """One accretion event, with unequal masses, u and small dust: totals of gas and live companions to rounding."""
     second = LIVE | rate | {"mass": 7e-4, "semi_major_axis": 1.3, "phase": 40.0}
     eos = {"kind": "adiabatic", "gamma": 1.3, "aspect_ratio": 0.07}
     scene = changed(DISC, **DUST) | {"companion": [LIVE | rate, second]}

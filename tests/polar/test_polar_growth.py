@@ -82,7 +82,7 @@ def test_an_even_share_stays_even(closed):
 
 @pytest.mark.parametrize("closed", [True, False])
 def test_small_dust_is_conserved_and_not_negative(closed):
-    """Where it is as rough as the gas, and none in half of the cells."""
+    """Small dust that varies by cells as the gas does, with none in half of the cells."""
     cells = ring(30, 90, 0.6, 1.7, closed)
     rng = np.random.default_rng(8)
     gas = rough(cells, np.exp(2.0 * rng.standard_normal(2700)) * (rng.random(2700) < 0.5))
