@@ -141,6 +141,7 @@ def figure(found: list[Rings], edges: np.ndarray, wanted: float | None, units: U
     by_time, times = np.array([alphas([each], edges) for each in found]), [time * each.time for each in found]
     middle = 0.5 * (edges[1:] + edges[:-1])
     pressure = 1.5 * np.mean([each.pressure for each in found], axis=0)
+    pressure[pressure == 0.0] = np.nan  # rings without gas
     for k, kind in enumerate(("reynolds", "gravity")):
         in_time.plot(times, by_time[:, k], label=kind)
         in_radius.plot(length * middle, np.mean([getattr(each, kind) for each in found], axis=0) / pressure, label=kind)

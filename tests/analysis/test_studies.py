@@ -186,6 +186,7 @@ def test_stress_of_known_arms(tmp_path, capsys, winding):
     (balance,) = (words[-1] for words in lines if words[:4] == ["alpha", "of", "thermal", "balance,"])
     (excess,) = (words[-1] for words in lines if words[:4] == ["fraction", "of", "u", "above"])
     assert balance == "0.1481" and excess == "1"  # 4 / (9 1.5 .5 4); it cools to nothing
+    assert module.main([str(tmp_path), "--inner", "1.2", "--outer", "3.5"]) == 0  # beyond 2 there is no gas
 
 
 def test_stress_wants_a_disc_that_pulls(tmp_path, capsys):
