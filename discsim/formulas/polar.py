@@ -100,11 +100,11 @@ def shape_of_cells(pos: np.ndarray, closed: bool = False) -> PolarShape:
     Raises ValueError if there is no such grid.
     """
     r = np.sqrt((pos**2).sum(axis=1))
-    rings = 1 + int((np.diff(r) > 1e-9 * r[1:]).sum())
+    rings = 1 + int((np.diff(r) > 1e-12 * r[1:]).sum())
     if rings > 1 and len(r) % rings == 0 and r[0] > 0.0 and r[-1] > r[0]:
         ratio = float(r[-1] / r[0]) ** (1.0 / (rings - 1))
-        # The centroid of a ring is at 2/3 (r_o^3 - r_i^3) / (r_o^2 - r_i^2).
-        inner = float(r[0]) * 1.5 * (ratio**2 - 1.0) / (ratio**3 - 1.0)
+        # The centroid of a ring is at 2/3 (r_o^3 - r_i^3) / (r_o^2 - r_i^2), here without differences of powers.
+        inner = float(r[0]) * 1.5 * (ratio + 1.0) / (ratio**2 + ratio + 1.0)
         shape = PolarShape(rings, len(r) // rings, inner, inner * ratio**rings, closed)
         radius, azimuth, _ = shape.centroids()
         wanted = np.stack([np.outer(radius, np.cos(azimuth)), np.outer(radius, np.sin(azimuth))], axis=-1)
