@@ -15,7 +15,8 @@ continuous in smooth flow; at jumps it is close to the velocity of the contact i
 alternate and the density has a gradient: epicycles of cold gas then grow.)
 
 In azimuth the mean rotation of a ring moves the gas by a whole number of cells, which is exact, and by the rest
-together with the velocity relative to the mean (FARGO, Masset 2000, A&AS 141, 165). The centrifugal acceleration
+together with the velocity relative to the mean (FARGO, Masset 2000, A&AS 141, 165): the rest is added to u dt in (1).
+Added to s instead, it would make one of two opposite sound waves grow and the other decay. The centrifugal acceleration
 l^2 / r^3 is applied over half of dt before the sweeps and half after them. With gravity in the kick this is a leapfrog
 in polar coordinates: circular orbits are exact at any step.
 
@@ -258,8 +259,7 @@ def sweep_radially(first, last, fields, swept, geometry, new, passed):
     """Write the fields of the rings `first` to `last` after a radial sweep; return what leaves the edges.
 
     swept (rings + 1, angles): result of `find_swept`. passed: `tracer.Passed`, written if it has entries. The result
-    (2, 4): mass, momentum along x and y, and angular
-    momentum that leave through the inner and the outer edge.
+    (2, 4): mass, momentum along x and y, and angular momentum that leave through the inner and the outer edge.
     """
     count, angles, rings = len(fields), fields.shape[2], len(geometry.radius)
     cells = np.zeros((2, 3, count, angles))  # of two rings: lower sides, upper sides and means of the fields
@@ -302,7 +302,7 @@ def swept_along_ring(cells, gamma, dt, unit, rest, swept):
     for j in range(len(swept)):
         u = contact_speed(j, j + 1, cells, cells, SPIN, gamma, unit)
         stretch = 1.0 + dt * (cells[2][SPIN, j + 1] - cells[2][SPIN, j])
-        y = u * dt / max(stretch, LEAST_STRETCH) + rest
+        y = (u * dt + rest) / max(stretch, LEAST_STRETCH)
         swept[j] = min(max(y, -1.0), 1.0)
 
 
