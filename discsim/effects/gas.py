@@ -7,7 +7,7 @@ force. The step limit is the smaller of h / (c_s (1 + 1.2 alpha) + h (1 + 1.2 be
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import chain
 from typing import TYPE_CHECKING, Any
 
@@ -28,6 +28,8 @@ from discsim.scene.rules import Draft, Problem, quoted
 
 if TYPE_CHECKING:
     from discsim.scene import Scene
+
+    Profile = Callable[[np.ndarray], np.ndarray]  # of radii (n,)
 
 eos_kernels = Lazy("discsim.kernels.sph.eos")
 moves = Lazy("discsim.kernels.common.move")
@@ -188,6 +190,13 @@ class Effect(base.Effect):
         if at.jump is not None:
             closing = closing + IN_SHOCKS * at.jump / resolution(scene, at.h)
         return at.smallest(longest_step(scene, at.h, at.sound_speed, closing), where)
+
+    def pressure_push(self, state: State, gravity: Profile) -> Profile | None:
+        """Return the initial outward acceleration of gas by pressure, as a function of radii (n,).
+
+        gravity: inward acceleration by gravity, as a function of radii. None: that of the initial profile.
+        """
+        return None
 
     def operators(self, state: State) -> list[base.Operator]:
         slots, found = base.Slot, base.arrays("gas", "h density gradh h_before")

@@ -12,7 +12,7 @@ mean rotation of a ring the step is not limited. Gas that leaves an open edge is
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,7 +21,6 @@ from discsim.drag.published.fixed_grid import OF_SPH
 from discsim.effects import alpha_viscosity, base, dust, gas
 from discsim.effects.accretion import Accreted, add_to_body
 from discsim.formulas.polar import MIN_ANGLES, MIN_RINGS, ring_count
-from discsim.initial import balance, start_of
 from discsim.numerics import world
 from discsim.numerics.state import State
 from discsim.numerics.threads import parallel_for
@@ -31,6 +30,7 @@ from discsim.physics.polar import cell_areas, polar_shape
 from discsim.scene.rules import Draft, Problem, quoted, starts_where
 
 if TYPE_CHECKING:
+    from discsim.effects.gas import Profile
     from discsim.scene import Scene
 
 polar = Lazy("discsim.numerics.polar")
@@ -218,11 +218,15 @@ class Gas(gas.Effect):
         side, ratio = at.h / scene.gas.eta, polar_shape(scene).elongation
         return at.smallest(side / (np.sqrt(ratio + 1.0 / ratio) * at.sound_speed))  # of c_s |(1/dr, 1/(r dphi))|
 
-    def begin(self, state: State, effects: Mapping[str, base.Effect]) -> None:
-        """Balance gas, and dust that drifts, with the pressure force of the cells instead of the initial profile."""
+    def pressure_push(self, state: State, gravity: Profile) -> Profile | None:
+        """Return the initial outward acceleration of gas by the pressure force of the cells, as a function of radii.
+
+        The function is exact at the centroids of rings, and in between follows the initial profile. gravity: inward
+        acceleration by gravity, as a function of radii. None without cells.
+        """
         scene, r = self.scene, self.cells.geometry.radius
-        if scene.initial is None or start_of(scene).radial is None or not _has_cells(state):
-            return
+        if not _has_cells(state):
+            return None
         disc = profile.radial(scene)
         with_small = state.gas.small is not None and growth.gas_mass_includes_small_dust(scene)
         # Small dust is accelerated together with the gas.
@@ -233,27 +237,21 @@ class Gas(gas.Effect):
                 push = disc.pressure_acceleration(r)
             return np.where((r > disc.inner) & (r < disc.outer) & np.isfinite(push), push, 0.0)
 
-        equilibrium = balance.Equilibrium(state, dict(effects))
-        pull = equilibrium.gravity(r)
-        push = self._mean_pressure_push(state, pull)
-        more = total * push - given(r)
-        equilibrium.pressure = lambda at: given(at) + np.interp(at, r, more)
-        drifting = equilibrium.drifting
-        balance.set_velocities(equilibrium, {name: state.species[name] for name in drifting})
-        if "gas" not in drifting:
-            squares = [r * np.maximum(pull - outwards, 0.0) for outwards in (push, given(r) / total)]
-            across = self.cells.pos[:, ::-1] * [-1.0, 1.0] / np.repeat(r, self.cells.angles)[:, None]
-            change = np.sqrt(squares[0]) - np.sqrt(squares[1])
-            state.gas.vel += np.repeat(change, self.cells.angles)[:, None] * across
+        more = total * self._mean_pressure_push(state, gravity(r)) - given(r)
+        return lambda at: given(at) + np.interp(at, r, more)
 
     def _mean_pressure_push(self, state: State, pull: np.ndarray) -> np.ndarray:
-        """Return the mean outward acceleration (rings,) of gas at rest by pressure, at most MAX_PUSH times `pull`."""
-        p, cells = state.gas, self.cells
+        """Return the mean outward acceleration (rings,) by pressure, at most MAX_PUSH times `pull`.
+
+        The gas is on circular orbits, as the pressure at jumps depends on the rotation in cells wider than H.
+        """
+        p, cells, radius = state.gas, self.cells, self.cells.geometry.radius
         vel, acc = p.vel, np.zeros_like(p.vel)
-        p.vel = np.zeros_like(vel)
+        omega = np.sqrt(np.maximum(pull, 0.0) / radius)
+        p.vel = np.repeat(omega, cells.angles)[:, None] * cells.pos[:, ::-1] * [-1.0, 1.0]
         self._add_pressure(state, acc)
         p.vel = vel
-        push = (acc * cells.pos).sum(axis=1).reshape(cells.shape).mean(axis=1) / cells.geometry.radius
+        push = (acc * cells.pos).sum(axis=1).reshape(cells.shape).mean(axis=1) / radius
         return np.clip(push, -MAX_PUSH * np.abs(pull), MAX_PUSH * np.abs(pull))
 
     def operators(self, state: State) -> list[base.Operator]:

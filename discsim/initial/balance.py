@@ -204,6 +204,8 @@ def settle(state: State, effects: dict[str, Any]) -> None:
     species.
     """
     equilibrium = Equilibrium(state, effects)
+    if "gas" in effects:
+        equilibrium.pressure = effects["gas"].pressure_push(state, equilibrium.gravity)
     set_velocities(equilibrium, state.species)
     if state.scene.model.given is None:
         for name, particles in state.species.items():

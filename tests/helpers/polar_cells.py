@@ -1,12 +1,46 @@
-"""Gas in polar cells without effects: a leapfrog about a point mass, for tests of the kernels."""
+"""Gas on a polar grid: scenes of discs, polar components, and gas without effects for tests of the kernels."""
 
 import numpy as np
 
 from discsim.numerics.polar import PolarCells
 
+MASS = 1.3  # of the star
+
+
+def disc_scene(inner, outer, cells, index=1.0, aspect=0.07):
+    """The scene of a disc on a polar grid: Sigma = 1e-4 r^-index, uniform H/r = aspect, code units."""
+    return {
+        "units": {"system": "code"},
+        "run": {"until": 4.0},
+        "space": {"size": 5.0},
+        "initial": {
+            "kind": "disc", "surface_density": 1e-4, "inner": inner, "outer": outer, "surface_density_index": index,
+        },
+        "star": {"mass": MASS},
+        "gas": {
+            "method": "grid",
+            "particles": cells,
+            "eos": {"kind": "locally-isothermal", "aspect_ratio": aspect, "temperature_index": 1.0},
+        },
+    }  # fmt: skip
+
+
+def polar(particles):
+    """Radius, radial and azimuthal velocity (n,)."""
+    r = np.hypot(*particles.pos.T)
+    x, y = particles.pos.T / r
+    return r, x * particles.vel[:, 0] + y * particles.vel[:, 1], x * particles.vel[:, 1] - y * particles.vel[:, 0]
+
+
+def set_polar(particles, radial, around):
+    """Set the velocities to these polar components (n,)."""
+    r = np.hypot(*particles.pos.T)
+    x, y = particles.pos.T / r
+    particles.vel[:] = np.stack([x * radial - y * around, y * radial + x * around], axis=1)
+
 
 class Disc:
-    """Gas in `cells` with c_s(r) or u, about a point mass `star`; arrays as in the state of a run."""
+    """Gas in `cells` with c_s(r) or u, about a point mass `star`, in a leapfrog; arrays as in the state of a run."""
 
     def __init__(self, cells, density, radial, around, sound=None, u=None, gamma=1.0, star=1.0):
         self.cells, self.gamma, self.star, self.u = cells, gamma, star, u

@@ -2,32 +2,23 @@
 
 import numpy as np
 import pytest
+from polar_cells import MASS, disc_scene, polar
 from runs import assert_resumes, on_threads, state_bits
 from scenes import changed, problems
 
 from discsim import SceneError, Simulation, load_scene
 from discsim.cli.runs import _run_on_mpi
+from discsim.effects.polar import MAX_PUSH
 from discsim.exact import nsh, spreading_ring
 from discsim.formulas.polar import FLOOR
+from discsim.initial.rings import perturb_angles
 from discsim.physics.polar import polar_shape
 from discsim.preview.check import report
 from discsim.preview.forecast import expected_steps
 from discsim.preview.warnings import warnings
 from discsim.run.forces import PhysicsError
 
-MASS = 1.3  # of the star
-DISC = {
-    "units": {"system": "code"},
-    "run": {"until": 4.0},
-    "space": {"size": 5.0},
-    "initial": {"kind": "disc", "surface_density": 1e-4, "inner": 0.6, "outer": 1.5, "surface_density_index": 1.0},
-    "star": {"mass": MASS},
-    "gas": {
-        "method": "grid",
-        "particles": 4000,
-        "eos": {"kind": "locally-isothermal", "aspect_ratio": 0.07, "temperature_index": 1.0},
-    },
-}
+DISC = disc_scene(0.6, 1.5, 4000)
 ADIABATIC = {"eos": {"kind": "adiabatic", "gamma": 1.4, "aspect_ratio": 0.07}}
 DUSTY = {
     "dust": {"particles": 3000, "ratio": 0.3},
@@ -47,13 +38,6 @@ MANY = changed(
 )
 
 
-def polar(particles):
-    """Radius, radial and azimuthal velocity (n,)."""
-    r = np.hypot(*particles.pos.T)
-    radial = (particles.pos * particles.vel).sum(axis=1) / r
-    return r, radial, (particles.pos[:, 0] * particles.vel[:, 1] - particles.pos[:, 1] * particles.vel[:, 0]) / r
-
-
 def closed(scene, **more):
     return changed(scene, gas=scene["gas"] | {"grid": {"edges": "closed"}} | more)
 
@@ -67,6 +51,33 @@ def test_a_disc_stays_in_balance(eos):
     _, radial, _ = polar(sim.gas)
     assert np.abs(radial / sim.gas.sound_speed).max() < 1e-10
     assert np.abs(sim.gas.mass / mass - 1.0).max() < 1e-10
+
+
+@pytest.mark.parametrize("eos", [{}, ADIABATIC], ids=["locally-isothermal", "adiabatic"])
+def test_cells_beyond_the_disc_start_in_balance(eos):
+    """On a grid wider than a tapered disc: v^2 / r = g - a in all rings, with the pressure force a of the cells."""
+    initial = DISC["initial"] | {"inner_taper": 0.1, "outer_taper": 0.2}
+    sim = Simulation(closed(changed(DISC, initial=initial), particles=6000, grid={"inner": 0.5, "outer": 2.0}, **eos))
+    r, radial, around = polar(sim.gas)
+    pull = MASS / r**2
+    push = (sim.acceleration("gas")[0] * sim.gas.pos).sum(axis=1) / r
+    assert 0.1 < np.abs(push / pull).max() < MAX_PUSH
+    np.testing.assert_allclose(around, np.sqrt(r * (pull - push)), rtol=1e-12)
+    assert np.abs(radial).max() < 1e-14
+
+
+@pytest.mark.parametrize("tables", [{}, DUSTY])
+def test_own_velocities_are_kept_with_a_table_initial(tables):
+    """[initial] then describes the disc, for damping zones and previews."""
+    scene = changed(DISC, gas={"particles": 800}, **tables)
+    sim = Simulation(scene)
+    given = {
+        name: {"pos": p.pos, "vel": 1.02 * p.vel, "mass": p.mass}
+        for name, p in (("gas", sim.gas), ("dust", sim.dust)) if p is not None
+    }  # fmt: skip
+    again = Simulation(scene, particles=given)
+    for name, arrays in given.items():
+        assert np.array_equal(getattr(again, name).vel, arrays["vel"])
 
 
 def test_the_cells_of_a_scene_are_nearly_square_and_as_many_as_asked_for():
@@ -100,7 +111,7 @@ def test_noise_does_not_grow(eos):
     assert np.sqrt(np.mean(radial**2)) < 4e-7  # swing amplification of waves by the shear: 2e-7
 
 
-def test_what_is_perturbed():
+def test_amplitudes_of_the_perturbation():
     sim = Simulation(changed(DISC, initial=DISC["initial"] | {"perturbation": 0.05}))
     shape = polar_shape(sim.scene)
     ring = sim.gas.mass.reshape(shape.rings, shape.angles)
@@ -110,9 +121,36 @@ def test_what_is_perturbed():
     sim.run(0.5)
 
 
+def test_the_perturbation_of_cells_is_that_of_particles():
+    """Amplitude and phase of each mode in each ring of cells are those of displaced particles on a ring."""
+    sim = Simulation(changed(DISC, initial=DISC["initial"] | {"perturbation": 0.02}))
+    cells, even = sim.effects["gas"].cells, 2.0 * np.pi * np.arange(500) / 500
+    radius, mass = cells.geometry.radius, sim.gas.mass.reshape(cells.shape)
+    angle = perturb_angles(sim.scene, np.repeat(radius, 500), np.tile(even, len(radius))).reshape(-1, 500)
+    for m in range(2, 7):
+        particles = np.exp(1j * m * angle).mean(axis=1)
+        found = mass @ np.exp(1j * m * cells.azimuth) / mass.sum(axis=1)
+        assert np.allclose(np.abs(particles), 0.01, rtol=0.1)
+        # Terms of second order in the amplitude, and (m dphi)^2 / 24.
+        assert np.allclose(found, particles, atol=1e-3)
+
+
+def test_what_a_cell_has_radiated_stays_in_the_cell():
+    """m times the radiated energy per mass, while gas moves from cell to cell and through the edges."""
+    sim = Simulation(changed(DISC, gas=ADIABATIC, cooling={"kind": "beta", "beta": 5.0}))
+    sim.step()
+    gas, rng = sim.gas, np.random.default_rng(2)
+    gas.radiated[:] = rng.uniform(0.5, 2.0, gas.count)
+    gas.vel += 0.1 * rng.standard_normal(gas.vel.shape)
+    mass, radiated = gas.mass.copy(), gas.mass * gas.radiated
+    sim.effects["gas"].drift(sim.state, 0.02)
+    assert np.abs(gas.mass / mass - 1.0).max() > 0.01
+    assert np.allclose(gas.mass * gas.radiated, radiated, rtol=1e-14)
+
+
 @pytest.mark.parametrize("ratio, stokes", [(0.3, 0.03), (0.01, 0.03), (0.3, 0.3)])
 def test_dust_drifts_as_by_nakagawa(ratio, stokes):
-    """Two-way drag: radial drift of both within 1.5% of the headwind's terms, rotation within h^2 of eta."""
+    """Two-way drag: radial drift of gas and dust within 1.5%, and rotation within 1%, of Nakagawa et al. (1986)."""
     scene = changed(DISC, gas=DISC["gas"] | {"particles": 8000}, **DUSTY)
     scene["dust"] = {"particles": 8000, "ratio": ratio}
     scene["drag"] = DUSTY["drag"] | {"stokes": stokes}
@@ -245,7 +283,7 @@ def test_zones_sustain_a_viscous_inflow():
 
 
 def test_torques_of_the_outer_and_inner_disc_on_a_light_planet():
-    """About 0.4 q^2 (H/r)^-3 Sigma each of linear theory (Ward 1997), and of the signs of wakes; q (H/r)^-3 = 0.45."""
+    """Signs and sizes of linear theory, about 0.4 q^2 (H/r)^-3 Sigma each (Ward 1997); q (H/r)^-3 = 0.58."""
     q, height = 2e-4, 0.07
     planet = {"mass": q * MASS, "semi_major_axis": 1.0, "softening": 0.6}
     start = {"kind": "disc", "surface_density": 1e-6, "inner": 0.4, "outer": 2.2, "surface_density_index": 0.5}
