@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from growing import MATERIAL, SMALL, SMALLEST, disc, one_zone, small_part, steady_flow, totals
+from growing import MATERIAL, SMALL, SMALLEST, disc, exchange, masses, one_zone, row_of, small_part, steady_flow
 from runs import on_threads, put_out, state_bits
 from scenes import changed, problems
 
@@ -10,21 +10,10 @@ from discsim import Simulation, load_scene
 from discsim.effects.growth import GROWTH_STEP, Effect
 from discsim.formulas import laws
 from discsim.numerics.state import SubcycleClock
-from discsim.output.history import history_columns, history_row
 from discsim.preview.derived import gas_at_start
 from discsim.scene import SceneError
 
 ROOT = np.sqrt(2.0 * np.pi)
-
-
-def row_of(sim):
-    with sim.synchronised() as state:
-        return dict(zip(history_columns(sim.scene), history_row(state, sim.effects, 0.0, ""), strict=True))
-
-
-def masses(sim):
-    row = row_of(sim)
-    return sum(row[f"{what}_{of}"] for what in ("mass", "accreted") for of in ("gas", "dust", "small"))
 
 
 # One zone
@@ -183,33 +172,21 @@ def test_a_body_gains_the_small_dust_of_the_gas_that_it_takes():
     )  # rounding of sums
 
 
-def handed(sim):
-    """What one event of growth changes of mass, momentum and angular momentum, and hands over, over those of all."""
-    mass, momentum, spin = totals(sim)
-    small = sim.gas.small.sum()
-    sim.effects["growth"].event(sim.state)
-    after = totals(sim)
-    moved = abs(sim.gas.small.sum() - small)
-    return after[0] / mass - 1.0, np.abs(after[1] - momentum).max() / mass, (after[2] - spin) / spin, moved / mass
-
-
 def test_momentum_is_exact_and_angular_momentum_but_at_edges():
     """As small dust becomes grown dust, and as that breaks; rounding of sums of velocities of about 1 is 1e-15."""
     sim = Simulation(disc(size=1e-6))
     for _ in range(4):
         sim.step()
-    effect, dust = sim.effects["growth"], sim.dust
+    dust = sim.dust
     inside = np.abs(np.hypot(*dust.pos.T) - 1.15) < 0.25
     for dt, speed in ((2.0, 1.0), (1e-9, 1e-4)):
-        sim.state.subcycle_clock, effect.grains = SubcycleClock(dt), effect.grains._replace(fragmentation=speed)
-        mass, momentum, spin, moved = handed(sim)
+        mass, momentum, spin, moved = exchange(sim, dt, speed)
         assert moved > 1e-3
         assert abs(mass) < 1e-14 and momentum < 1e-14
         assert 1e-12 < abs(spin) < 0.01 * moved  # of dust at the edges, with gas on one side of it
     keep = ~inside
     dust.remove(keep)
-    sim.state.subcycle_clock, effect.grains = SubcycleClock(2.0), effect.grains._replace(fragmentation=1.0)
-    mass, momentum, spin, moved = handed(sim)
+    mass, momentum, spin, moved = exchange(sim, 2.0, 1.0)
     assert moved > 1e-4
     assert max(abs(mass), momentum, abs(spin)) < 1e-14
 

@@ -1,4 +1,4 @@
-"""A small disc whose dust grows within some orbits, and how one zone of it does."""
+"""A small disc whose dust grows within some orbits, exact growth of one zone, and totals of a run."""
 
 import math
 
@@ -6,6 +6,8 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from discsim.formulas import growth as formulas
+from discsim.numerics.state import SubcycleClock
+from discsim.output.history import history_columns, history_row
 
 SMALL, SMALLEST, MATERIAL = 1e-9, 5e-12, 1.0
 
@@ -37,7 +39,7 @@ def drift_limit(dust, gamma, aspect):
 
 
 def small_part(size):
-    """Of all dust, that below SMALL: n(a) ~ a^-3.5 has a mass ~ sqrt(a) up to a."""
+    """Fraction of the dust mass below SMALL, for n(a) ~ a^-3.5 up to `size`: the mass below a is ~ sqrt(a)."""
     return (math.sqrt(SMALL) - math.sqrt(SMALLEST)) / (np.sqrt(size) - math.sqrt(SMALLEST))
 
 
@@ -100,3 +102,29 @@ def totals(sim):
     spin = sum((p.mass * (p.pos[:, 0] * p.vel[:, 1] - p.pos[:, 1] * p.vel[:, 0])).sum() for p in (gas, dust))
     beside = 0.0 if sim.scene.drag.direction == "two-way" else gas.small.sum()
     return gas.mass.sum() + dust.mass.sum() + beside, momentum, float(spin)
+
+
+def row_of(sim):
+    """The row of the history for the present state, by columns."""
+    with sim.synchronised() as state:
+        return dict(zip(history_columns(sim.scene), history_row(state, sim.effects, 0.0, ""), strict=True))
+
+
+def masses(sim):
+    """Mass of gas, grown and small dust, with what the star and open edges have accreted."""
+    row = row_of(sim)
+    return sum(row[f"{what}_{of}"] for what in ("mass", "accreted") for of in ("gas", "dust", "small"))
+
+
+def exchange(sim, dt, fragmentation):
+    """Let dust grow over dt. Changes of mass, momentum and angular momentum over the totals, and the part that moved.
+
+    The part that moved is the mass that small and grown dust exchange, over all mass.
+    """
+    effect = sim.effects["growth"]
+    sim.state.subcycle_clock, effect.grains = SubcycleClock(dt), effect.grains._replace(fragmentation=fragmentation)
+    (mass, momentum, spin), small = totals(sim), sim.gas.small.sum()
+    effect.event(sim.state)
+    after = totals(sim)
+    moved = abs(sim.gas.small.sum() - small)
+    return after[0] / mass - 1.0, np.abs(after[1] - momentum).max() / mass, (after[2] - spin) / spin, moved / mass

@@ -1,29 +1,19 @@
-"""Gas on a polar grid where it is hardest: edges to almost empty cells, heavy planets, fragments."""
+"""Extreme runs of gas on a polar grid: edges to almost empty cells, a heavy planet, fragments, cold gas."""
 
 import numpy as np
 import pytest
+from polar_cells import disc_scene
 from scenes import changed
 
 from discsim import Simulation
 
-DISC = {
-    "units": {"system": "code"},
-    "run": {"until": 100.0},
-    "space": {"size": 6.0},
-    "initial": {"kind": "disc", "surface_density": 1e-4, "inner": 0.4, "outer": 2.5, "surface_density_index": 0.5},
-    "star": {"mass": 1.3},
-    "gas": {
-        "method": "grid",
-        "particles": 3000,
-        "eos": {"kind": "locally-isothermal", "aspect_ratio": 0.05, "temperature_index": 1.0},
-    },
-}
+DISC = changed(disc_scene(0.4, 2.5, 3000, index=0.5, aspect=0.05), run={"until": 100.0}, space={"size": 6.0})
 ADIABATIC = {"eos": {"kind": "adiabatic", "gamma": 1.4, "aspect_ratio": 0.05}}
 HEAVY = {"mass": 1e-2, "semi_major_axis": 1.0, "softening": 0.6}
 
 
 def run(scene, until):
-    """The run; mass is conserved, and positive in each cell."""
+    """Run a scene. Mass is conserved, and positive in each cell."""
     sim = Simulation(scene)
     mass = sim.gas.mass.sum()
     sim.run(until)
@@ -59,7 +49,7 @@ def test_fragments():
 
 
 def test_cold_gas_in_wide_cells():
-    """A scale height of a tenth of a cell, and a planet: waves that the cells do not resolve stay small."""
+    """H is 0.1 of a cell. Waves of a planet, which the cells do not resolve, stay small."""
     eos = DISC["gas"]["eos"] | {"aspect_ratio": 0.005}
     sim = run(changed(DISC, gas={"eos": eos}, companion=HEAVY | {"mass": 1e-6}), 40.0)
     r = np.hypot(*sim.gas.pos.T)

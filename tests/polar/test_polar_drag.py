@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from polar_cells import MASS, disc_scene, polar, set_polar
 from runs import assert_resumes, on_threads, state_bits
 from scenes import changed, problems
 from scipy.linalg import expm
@@ -10,37 +11,13 @@ from discsim import Simulation, load_scene
 from discsim.exact import dustywave, nsh
 from discsim.numerics.polar import PolarCells
 
-MASS = 1.3  # of the star
 H = 0.07
 # With p + q = 3/2 the drift of gas and dust carries the same mass through all radii, so that it is steady.
-DISC = {
-    "units": {"system": "code"},
-    "run": {"until": 4.0},
-    "space": {"size": 5.0},
-    "initial": {"kind": "disc", "surface_density": 1e-4, "inner": 0.5, "outer": 2.0, "surface_density_index": 0.5},
-    "star": {"mass": MASS},
-    "gas": {
-        "method": "grid",
-        "particles": 3000,
-        "eos": {"kind": "locally-isothermal", "aspect_ratio": H, "temperature_index": 1.0},
-    },
+DISC = disc_scene(0.5, 2.0, 3000, index=0.5, aspect=H) | {
     "dust": {"particles": 2500, "ratio": 0.3},
     "drag": {"law": "stokes-number", "stokes": 0.03, "scheme": "emsi"},
 }
 EPICYCLE = 2.0 * np.pi / np.sqrt(MASS)  # at r = 1
-
-
-def polar(particles):
-    """Radius, radial and azimuthal velocity (n,)."""
-    r = np.hypot(*particles.pos.T)
-    x, y = particles.pos.T / r
-    return r, x * particles.vel[:, 0] + y * particles.vel[:, 1], x * particles.vel[:, 1] - y * particles.vel[:, 0]
-
-
-def set_polar(particles, radial, around):
-    r = np.hypot(*particles.pos.T)
-    x, y = particles.pos.T / r
-    particles.vel[:] = np.stack([x * radial - y * around, y * radial + x * around], axis=1)
 
 
 def stirred(scene=DISC, seed=5, even=0):
@@ -100,7 +77,7 @@ def test_emsi_conserves_momentum_of_several_populations():
 
 
 def test_emsi_keeps_the_energy_with_its_heat():
-    """The heat of the cells is what the kinetic energy loses, also where accelerations act."""
+    """The heat of the cells is the kinetic energy that drag removes, also under accelerations."""
     sim, rng = stirred(changed(DISC, gas=DISC["gas"] | {"eos": {"kind": "adiabatic", "gamma": 1.3, "sound_speed": H}}))
     for p in (sim.gas, sim.dust):
         p.acc[:] = rng.standard_normal(p.acc.shape)
@@ -119,7 +96,7 @@ def test_emsi_keeps_the_energy_with_its_heat():
 
 @pytest.mark.parametrize("dt", [1e-6, 0.03, 2.0, 1e6])
 def test_one_way_slips_relax_exactly(dt):
-    """Grains at random places in gas on circular orbits, whose sources have slopes of r^-2: any dt over t_stop."""
+    """Grains at random positions in gas on circular orbits that is accelerated as r^-2: exact for any dt / t_stop."""
     t_stop, push = 0.03, 0.02
     drag = {"law": "stopping-time", "t_stop": t_stop, "scheme": "emsi", "direction": "one-way"}
     sim, rng = stirred(changed(DISC, drag=None, dust=None) | {"dust": DISC["dust"], "drag": drag})
@@ -180,7 +157,7 @@ def test_two_sizes_relax_as_by_the_exponential():
 
 
 def test_gas_and_dust_on_circular_orbits_have_no_slip():
-    """However stiff, wherever the grains are in their cells, and whichever way the disc rotates."""
+    """For stiff drag, grains anywhere in their cells, and both senses of rotation."""
     for sense in (1.0, -1.0):
         sim, _ = stirred(changed(DISC, drag={"stokes": 1e-9}))
         before = []
@@ -194,7 +171,7 @@ def test_gas_and_dust_on_circular_orbits_have_no_slip():
 
 
 def test_a_common_velocity_field_is_hardly_damped():
-    """Gas and dust share a swirl of amplitude 0.1, 40 and 80 cells a wavelength: what a kick of stiff drag changes."""
+    """Stiff drag changes a swirl of both, with 40 and 80 cells a wavelength, only at second order in the cells."""
     errors = []
     for cells in (3000, 12_000):
         sim, _ = stirred(changed(DISC, gas=DISC["gas"] | {"particles": cells}, drag={"stokes": 1e-9}), even=12 * cells)

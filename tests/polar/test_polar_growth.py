@@ -2,16 +2,13 @@
 
 import numpy as np
 import pytest
-from growing import MATERIAL, SMALL, one_zone, small_part, totals
-from polar_cells import Disc, ring
+from growing import MATERIAL, SMALL, exchange, masses, one_zone, row_of, small_part
+from polar_cells import MASS, Disc, polar, ring
 from runs import assert_resumes, on_threads, state_bits
 from scenes import changed
 
 from discsim import Simulation, load_scene
-from discsim.numerics.state import SubcycleClock
-from discsim.output.history import history_columns, history_row
-
-MASS = 1.3  # of the star
+from discsim.kernels.dust import growth as columns
 
 
 def disc(size=1e-6, ratio=0.3, growth=None, direction="two-way", cells=1500, grid=None, **tables):
@@ -34,16 +31,6 @@ def disc(size=1e-6, ratio=0.3, growth=None, direction="two-way", cells=1500, gri
 
 
 ADIABATIC = {"kind": "adiabatic", "gamma": 1.3, "aspect_ratio": 0.1}
-
-
-def row_of(sim):
-    with sim.synchronised() as state:
-        return dict(zip(history_columns(sim.scene), history_row(state, sim.effects, 0.0, ""), strict=True))
-
-
-def masses(sim):
-    row = row_of(sim)
-    return sum(row[f"{what}_{of}"] for what in ("mass", "accreted") for of in ("gas", "dust", "small"))
 
 
 # Small dust that moves with the gas
@@ -72,7 +59,7 @@ def rough(cells, share, seed=7):
 
 @pytest.mark.parametrize("closed", [True, False])
 def test_an_even_share_stays_even(closed):
-    """In shocks and rarefactions, from cells that gas leaves on both sides too."""
+    """Also in shocks, in rarefactions, and in cells that gas leaves through both sides."""
     gas = rough(ring(30, 90, 0.6, 1.7, closed), 0.37)
     for _ in range(60):
         gas.step(0.4 * gas.limit)
@@ -82,7 +69,7 @@ def test_an_even_share_stays_even(closed):
 
 @pytest.mark.parametrize("closed", [True, False])
 def test_small_dust_is_conserved_and_not_negative(closed):
-    """Small dust that varies by cells as the gas does, with none in half of the cells."""
+    """For shares that differ from cell to cell, with no small dust in half of the cells."""
     cells = ring(30, 90, 0.6, 1.7, closed)
     rng = np.random.default_rng(8)
     gas = rough(cells, np.exp(2.0 * rng.standard_normal(2700)) * (rng.random(2700) < 0.5))
@@ -112,6 +99,24 @@ def test_a_pattern_of_small_dust_turns_with_its_ring():
 # Growth
 
 
+def test_the_gas_and_small_dust_around_grains():
+    """Sigma ~ 1/r and c^2 ~ r^-1/2 of the start, at grains away from the edges: errors of (d ln r)^2."""
+    sim = Simulation(disc(size=1e-7, ratio=0.2, direction="one-way", growth={"small_ratio": 0.07}, cells=6000))
+    field = sim.effects["growth"].gas_around(sim.state).find(np.zeros(2))
+    r, _, _ = polar(sim.dust)
+    inside = (r > 0.75) & (r < 1.5)
+    sigma, speed2 = 1e-3 / r, 0.01 * MASS * r**-0.5
+    exact = {
+        columns.GAS: sigma, columns.SMALL: 0.07 * sigma, columns.SPEED2: speed2, columns.PULL: -1.5 * speed2 / r,
+    }  # fmt: skip
+    for column, values in exact.items():
+        np.testing.assert_allclose(field[inside, column], values[inside], rtol=2e-3)
+    # Small dust moves with the gas, whose rotation is slower than the Keplerian one by 1.5 c^2 / 2 v_K^2.
+    speed = np.sqrt(MASS / r - 1.5 * speed2)[:, None] * sim.dust.pos[:, ::-1] * [-1.0, 1.0] / r[:, None]
+    flow = field[:, columns.VEL : columns.VEL + 2]
+    np.testing.assert_allclose(flow[inside], speed[inside], atol=2e-3 * np.sqrt(MASS))
+
+
 def test_grains_of_a_disc_grow_as_its_zones_do():
     """Sizes rise by a factor of 1e4; cells have no noise, and drift has begun."""
     sim = Simulation(disc(size=SMALL, direction="one-way", growth={"alpha": 0.1}))
@@ -131,8 +136,8 @@ def test_grains_of_a_disc_grow_as_its_zones_do():
     assert grown.min() > 6.0
 
 
-def test_small_and_grown_dust_share_as_sizes_have_it():
-    """Both ways: from all of it small, and from none of it."""
+def test_the_mass_ratio_of_small_and_grown_dust_is_that_of_the_sizes():
+    """Starting with small dust only, and with grown dust only."""
     for small in (None, 0.0):
         sim = Simulation(disc(size=1e-7, growth={"small_ratio": small, "fragmentation_speed": 1e-4}))
         for _ in range(6):
@@ -160,32 +165,20 @@ def test_mass_is_exact_with_what_leaves_and_is_accreted(direction):
     np.testing.assert_allclose(gas, before / 1.3, rtol=1e-13)
 
 
-def handed(sim):
-    """What one event of growth changes of mass, momentum and angular momentum, and hands over, over those of all."""
-    mass, momentum, spin = totals(sim)
-    small = sim.gas.small.sum()
-    sim.effects["growth"].event(sim.state)
-    after = totals(sim)
-    moved = abs(sim.gas.small.sum() - small)
-    return after[0] / mass - 1.0, np.abs(after[1] - momentum).max() / mass, (after[2] - spin) / spin, moved / mass
-
-
 @pytest.mark.parametrize("eos", [None, ADIABATIC])
 def test_momentum_is_exact_and_angular_momentum_but_at_edges(eos):
-    """As small dust becomes grown dust, and as that breaks; rounding of sums of velocities of about 1 is 1e-15."""
+    """While dust grows, and while it fragments; rounding of sums of velocities of about 1 is 1e-15."""
     scene = disc(size=1e-6)
     sim = Simulation(scene | ({} if eos is None else {"gas": scene["gas"] | {"eos": eos}}))
     for _ in range(3):
         sim.step()
-    effect, dust = sim.effects["growth"], sim.dust
-    dust.remove(np.abs(np.hypot(*dust.pos.T) - 1.15) > 0.5)
+    sim.dust.remove(np.abs(np.hypot(*sim.dust.pos.T) - 1.15) > 0.5)
     # Smooth and enough: in exhausted cells angular momentum is exact only to 1% of what is exchanged.
     sim.gas.small[:] = 0.012 * sim.gas.mass * (1.0 + 0.3 * sim.gas.pos[:, 0])
     heat = None if eos is None else sim.gas.mass @ sim.gas.u
     # In a time in which no cell has to give all its small dust, and then as all grains break.
     for dt, speed in ((0.01, 1.0), (1e-9, 1e-4)):
-        sim.state.subcycle_clock, effect.grains = SubcycleClock(dt), effect.grains._replace(fragmentation=speed)
-        mass, momentum, spin, moved = handed(sim)
+        mass, momentum, spin, moved = exchange(sim, dt, speed)
         assert moved > 1e-4
         assert max(abs(mass), momentum, abs(spin)) < 2e-14
         assert sim.gas.small.min() >= 0.0
@@ -193,7 +186,7 @@ def test_momentum_is_exact_and_angular_momentum_but_at_edges(eos):
 
 
 def test_a_disc_with_small_dust_starts_in_balance():
-    """The pressure moves gas and small dust; without grown dust nothing else than rounding moves them."""
+    """Rotation balances the pressure force on gas and small dust together; there is almost no grown dust."""
     scene = disc(ratio=1.0, growth={"fragmentation_speed": 0.0})
     sim = Simulation(scene)
     assert np.allclose(sim.gas.small / sim.gas.mass, 0.5)

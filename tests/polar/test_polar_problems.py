@@ -9,7 +9,7 @@ from discsim.numerics.polar import PolarCells
 
 
 def finished(case):
-    """The simulation of a case at its end, with its error and the words about it."""
+    """Run a case. Its simulation at the end, its error, and the text about the error."""
     case.sim.run(case.until, callback=case.look)
     with case.sim.synchronised():
         return case.sim, *case.error(case.sim)
