@@ -105,6 +105,15 @@ def part_mean(near, far, mean, y):
     return near - 0.5 * y * ((near - far) - (1.0 - 2.0 / 3.0 * y) * bulge)
 
 
+@inline_jit
+def change_within(near, far, mean, y):
+    """Return the change of a parabola from the side with the value `near` to the fraction `y` of the cell from it.
+
+    far: value at the opposite side. mean: mean of the cell.
+    """
+    return y * ((far - near) + (1.0 - y) * 6.0 * (mean - 0.5 * (near + far)))
+
+
 @jit_subroutine
 def sides_of_ring(values, i, k, low, high):
     """Write the values at both sides of the radial parabolas of ring `i` to `low` and `high` (angles,).

@@ -15,10 +15,10 @@ continuous in smooth flow; at jumps it is close to the velocity of the contact i
 alternate and the density has a gradient: epicycles of cold gas then grow.)
 
 In azimuth the mean rotation of a ring moves the gas by a whole number of cells, which is exact, and by the rest
-together with the velocity relative to the mean (FARGO, Masset 2000, A&AS 141, 165): the rest is added to u dt in (1).
-Added to s instead, it would make one of two opposite sound waves grow and the other decay. The centrifugal acceleration
-l^2 / r^3 is applied over half of dt before the sweeps and half after them. With gravity in the kick this is a leapfrog
-in polar coordinates: circular orbits are exact at any step.
+together with the velocity relative to the mean (FARGO, Masset 2000, A&AS 141, 165). u in (1) is then that on the
+parabola upwind, at the distance of the rest from the side. With u at the side one of two opposite sound waves would
+grow and the other decay. The centrifugal acceleration l^2 / r^3 is applied over half of dt before the sweeps and half
+after them. With gravity in the kick this is a leapfrog in polar coordinates: circular orbits are exact at any step.
 
 Mixing of gas in a cell conserves momentum and loses kinetic energy, of the motion along the sweep and across it: of
 both in shocks that are oblique to the rings. Gas that holds heat gains this energy, so that shocks have the right heat.
@@ -33,7 +33,7 @@ import numpy as np
 
 from discsim.jit.decorators import inline_jit, jit, jit_subroutine
 from discsim.kernels.polar.geometry import DENSITY, ENERGY, GHOSTS, PRESSURE, RADIAL, SPIN, pad_row
-from discsim.kernels.polar.parabola import part_mean, sides_along_ring, sides_of_ring
+from discsim.kernels.polar.parabola import change_within, part_mean, sides_along_ring, sides_of_ring
 
 # Rows of fluxes through the sides of a ring, and of the means of the gas that passes: radial velocity, and spin.
 MASS, MOMENTUM, ANGULAR, HEAT, PASSING_RADIAL, PASSING_SPIN = range(6)
@@ -299,11 +299,14 @@ def swept_along_ring(cells, gamma, dt, unit, rest, swept):
     has the velocity relative to the mean, in cells per time. gamma: adiabatic index. unit: cells per length. rest: part
     of a cell by which the mean rotation moves the gas beyond whole cells.
     """
+    low, high, means = cells
     for j in range(len(swept)):
         u = contact_speed(j, j + 1, cells, cells, SPIN, gamma, unit)
-        stretch = 1.0 + dt * (cells[2][SPIN, j + 1] - cells[2][SPIN, j])
-        y = (u * dt + rest) / max(stretch, LEAST_STRETCH)
-        swept[j] = min(max(y, -1.0), 1.0)
+        behind = change_within(high[SPIN, j], low[SPIN, j], means[SPIN, j], abs(rest))
+        ahead = change_within(low[SPIN, j + 1], high[SPIN, j + 1], means[SPIN, j + 1], abs(rest))
+        u += behind if rest > 0.0 else ahead
+        stretch = 1.0 + dt * (means[SPIN, j + 1] - means[SPIN, j])
+        swept[j] = min(max(rest + u * dt / max(stretch, LEAST_STRETCH), -1.0), 1.0)
 
 
 @jit
