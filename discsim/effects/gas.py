@@ -230,7 +230,7 @@ class Effect(base.Effect):
         if predicted is None:
             return np.inf
         (vel, u), acc = predicted, gas.acc_unshared
-        gas.pressure, gas.sound_speed = self._pressure_and_sound_speed(view, u)
+        self.find_pressure(view, u)
         if gas.nu is not None:
             self.find_viscosity(view)
         if gas.heating_rate is not None:
@@ -255,14 +255,14 @@ class Effect(base.Effect):
         mass = view.central_mass if self.scene.star is not None else None
         fill(gas.nu, lambda piece: viscosity.diffusivity(self.scene, radius(pos[piece]), speed[piece], mass))
 
-    def _pressure_and_sound_speed(self, view: State | base.View, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-        """Return pressure (n,) and sound speed (n,) of the gas; u (n,): specific energies, or None."""
+    def find_pressure(self, view: State | base.View, u: np.ndarray | None) -> None:
+        """Set pressure and sound speed of the gas; u (n,): specific energies, or None."""
         gas, pos = view.gas, view.from_centre(view.gas.pos)
-        out = alloc.allocate_like(gas.pressure), alloc.allocate_like(gas.sound_speed)
+        out = gas.pressure, gas.sound_speed
         roots = eos_of(self.scene).roots(self.scene)
         if roots is not None and gas.small is None:  # the usual disc, which this kernel makes twice as fast
             parallel_for(eos_kernels.write_pressure_and_sound, gas.count, pos, gas.density, *roots, *out, light=True)
-            return out
+            return
 
         def part(first: int, last: int) -> None:
             for within in block_slices(first, last):
@@ -272,7 +272,6 @@ class Effect(base.Effect):
                 out[0][within], out[1][within] = pressure_and_sound_speed(self.scene, pos[within], density, energy)
 
         parallel_for(part, gas.count)
-        return out
 
     def predicted(self, state: State | base.View) -> tuple[np.ndarray, np.ndarray | None]:
         """Return velocity (n, d) and specific energy (n,) at the time of the positions, for viscosity and pressure.
@@ -285,7 +284,7 @@ class Effect(base.Effect):
         if gas.kick_acc is not None:
             vel = alloc.allocate_like(gas.vel)
             parallel_for(moves.sum_scaled, gas.count, gas.vel, gas.kick_acc, state.velocity_lag, vel, light=True)
-        return vel, None if gas.u is None else _energy_after(state, state.velocity_lag)
+        return vel, None if gas.u is None else energy_after(state, state.velocity_lag)
 
     def viscous_acceleration(self, state: State) -> np.ndarray:
         """Return the acceleration (n, d) by artificial viscosity and, with [alpha_viscosity], by shear viscosity."""
@@ -322,13 +321,13 @@ def kick_gas(state: State, dt: float) -> None:
 def kick_energy(state: State, dt: float) -> None:
     """Advance energies of the gas over dt at the rate `kick_rate`, and record the energy radiated by cooling."""
     gas = state.gas
-    after = _energy_after(state, dt)
+    after = energy_after(state, dt)
     if gas.radiated is not None:
         gas.radiated += gas.u + dt * gas.kick_rate - after
     gas.u[:] = after
 
 
-def _energy_after(state: State | base.View, dt: float) -> np.ndarray:
+def energy_after(state: State | base.View, dt: float) -> np.ndarray:
     """Return the specific energies (n,) of the gas after dt of heating at the rate `kick_rate` and of cooling."""
     gas, least = state.gas, state.scene.model.least_energy
     after = gas.u + dt * gas.kick_rate if state.cooled_energy is None else state.cooled_energy(gas, dt)

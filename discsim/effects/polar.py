@@ -272,17 +272,16 @@ class Gas(gas.Effect):
 
     def find_density(self, view: base.View | State) -> None:
         """Set the surface density of the gas."""
-        np.divide(view.gas.mass, self.cells.area, out=view.gas.density)
+        self.cells.surface_density(view.gas.mass, view.gas.density)
 
     def accelerate(self, view: base.View) -> float:
         """Add the accelerations by pressure and viscosity to `acc_unshared`, and return the step limit."""
         p = view.gas
         if p.pressure_acc is None:
             return self._add_pressure(view, p.acc_unshared)
-        own = np.zeros_like(p.acc_unshared)
-        limit = self._add_pressure(view, own)
-        p.acc_unshared += own
-        p.pressure_acc[:] = own
+        p.last_pressure_acc[:], p.pressure_acc[:] = p.pressure_acc, 0.0
+        limit = self._add_pressure(view, p.pressure_acc)
+        p.acc_unshared += p.pressure_acc
         return limit
 
     def _add_pressure(self, view: base.View | State, acc: np.ndarray) -> float:
@@ -297,13 +296,15 @@ class Gas(gas.Effect):
         self.cells.find_velocities(p.vel, p.kick_acc, lag)
         if p.u is None:
             return self._add_forces(view, None, acc)
-        p.last_heating_rate[:], p.last_pressure_acc[:] = p.heating_rate, p.pressure_acc
-        u, rate = self.predicted(view)[1], p.kick_acc
+        p.last_heating_rate[:] = p.heating_rate
+        u, rate = gas.energy_after(view, lag), p.kick_acc
         if lag > 0.0:
-            push = np.zeros_like(acc)
-            self._add_forces(view, u, push)
-            u = np.maximum(u + lag * (p.heating_rate - p.last_heating_rate), self.scene.model.least_energy * p.u)
-            rate = rate + push - p.last_pressure_acc
+            rate = np.zeros_like(acc)
+            self._add_forces(view, u, rate)
+            u += lag * (p.heating_rate - p.last_heating_rate)
+            np.maximum(u, self.scene.model.least_energy * p.u, out=u)
+            rate += p.kick_acc
+            rate -= p.last_pressure_acc
             self.cells.find_velocities(p.vel, rate, lag)
         if p.pressure_vel is not None:
             p.pressure_vel[:] = p.vel + lag * rate
@@ -316,7 +317,7 @@ class Gas(gas.Effect):
         `cells.find_velocities`.
         """
         p, cells = view.gas, self.cells
-        p.pressure, p.sound_speed = self._pressure_and_sound_speed(view, u)
+        self.find_pressure(view, u)
         limit = cells.accelerate(p.density, p.pressure, p.sound_speed, self.stiff, acc, p.heating_rate)
         if p.nu is not None:
             self.find_viscosity(view)
@@ -326,10 +327,11 @@ class Gas(gas.Effect):
     def viscous_acceleration(self, state: State) -> np.ndarray:
         p, cells = state.gas, self.cells
         acc, unused = np.zeros_like(p.acc), np.zeros_like(p.acc)
+        density = cells.surface_density(p.mass, np.empty_like(p.mass))
         cells.find_velocities(p.vel, p.kick_acc, state.velocity_lag)
-        cells.accelerate(p.mass / cells.area, p.pressure, p.sound_speed, self.stiff, unused, None)
+        cells.accelerate(density, p.pressure, p.sound_speed, self.stiff, unused, None)
         if p.nu is not None:
-            cells.add_viscosity(p.mass / cells.area, p.nu, acc, None)
+            cells.add_viscosity(density, p.nu, acc, None)
         return acc
 
     def limit(self, view: base.View) -> dict[str, base.Limit]:

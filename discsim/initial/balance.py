@@ -88,17 +88,19 @@ class Equilibrium:
         self.drifts = "drag" in effects and getattr(self.scene.initial, "dust_velocity", None) != "balance"
 
     def velocities(
-        self, name: str, pos: Array, species: Array | None, size: Array | None = None
+        self, name: str, pos: Array, species: Array | None, size: Array | None = None, pull: Array | None = None
     ) -> tuple[Array, Array]:
         """Return the radial and the azimuthal velocity (n,) of gas or dust particles at the positions `pos` (n, 2).
 
         name: "gas" or "dust". species (n,): index of the population of each dust particle; None for gas. size (n,):
-        grain radii; None: grains have the mean size of their population.
+        grain radii; None: grains have the mean size of their population. pull (n,): `gravity` at the particles, if it
+        is known.
         """
         scene = self.scene
         r = np.sqrt((pos**2).sum(axis=1))
+        pull = self.gravity(r) if pull is None else pull
         # No rotation balances gravity that points outwards. `settle` raises an error if much mass is at such radii.
-        keplerian = np.sqrt(np.maximum(self.gravity(r) * r, 1e-300))
+        keplerian = np.sqrt(np.maximum(pull * r, 1e-300))
         radial, lag = np.zeros(len(r)), np.zeros(len(r))
         if scene.model.given is not None:
             if self.drifts:
@@ -214,12 +216,13 @@ def settle(state: State, effects: dict[str, Any]) -> None:
 
 def set_velocities(equilibrium: Equilibrium, species: Mapping[str, Any]) -> None:
     """Set the velocities of the `Particles` of gas and dust by name to those of the equilibrium."""
-    # `companions.mean_pull` tabulates over the radii of one call, so with companions all particles are in one chunk.
-    chunk = CHUNK if equilibrium.scene.table("companion") is None else np.iinfo(np.int64).max
     for name, particles in species.items():
-        own = getattr(particles, "species", None), getattr(particles, "size", None)
-        for first in range(0, particles.count, chunk):
-            rows = slice(first, first + chunk)
+        own: tuple[Array | None, ...] = getattr(particles, "species", None), getattr(particles, "size", None)
+        if equilibrium.scene.table("companion") is not None:
+            # `companions.mean_pull` tabulates over the radii of one call, which has to contain those of all particles.
+            own = *own, equilibrium.gravity(np.sqrt((particles.pos**2).sum(axis=1)))
+        for first in range(0, particles.count, CHUNK):
+            rows = slice(first, first + CHUNK)
             pos = particles.pos[rows]
             of_grains = (None if array is None else array[rows] for array in own)
             radial, azimuthal = equilibrium.velocities(name, pos, *of_grains)

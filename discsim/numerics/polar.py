@@ -63,22 +63,38 @@ class PolarCells:
         """Set the rings in work arrays, whose geometry is `geometry`; own: number of own rings."""
         self.geometry, self.rings = geometry, len(geometry.radius)
         self.own = slice(geometry.first, geometry.first + own)
-        self.__dict__.pop("area", None)
-        self.fields, self.new = np.empty((2, 0, 0, 0))
-        self.padded = np.empty((2, self.rings + 2 * GHOSTS, self.angles))
+        self._set_fields(ENERGY)
+        self.mean, self.passed = np.empty(self.rings), NOTHING_PASSED
+
+    def _set_fields(self, count: int) -> None:
+        """Allocate the work arrays. count: number of fields that move.
+
+        The arrays of the forces are parts of those of the drift, as each drift and each call of `find_velocities`
+        write their arrays first.
+        """
+        self.fields, self.new = np.empty((2, count, self.rings + 2 * GHOSTS, self.angles))
         self.swept = np.empty((self.rings + 1, self.angles))
-        self.around, self.mean = np.empty((self.rings, self.angles)), np.empty(self.rings)
-        self.passed = NOTHING_PASSED
+        self.padded, self.around = self.new[:2], self.swept[:-1]
 
     @property
     def shape(self) -> tuple[int, int]:
         """Numbers of own rings and of cells in a ring."""
         return self.own.stop - self.own.start, self.angles
 
-    @cached_property
+    @property
     def area(self) -> Array:
         """Areas (n,) of the own cells."""
-        return np.repeat(self.geometry.volume[self.own] * self.geometry.angle, self.angles)
+        return np.repeat(self._areas_of_rings, self.angles)
+
+    @property
+    def _areas_of_rings(self) -> Array:
+        """Areas (own rings,) of the cells of each ring."""
+        return self.geometry.volume[self.own] * self.geometry.angle
+
+    def surface_density(self, mass: Array, out: Array) -> Array:
+        """Write the surface density of cells with the masses `mass` (n,) to `out` (n,), and return `out`."""
+        np.divide(mass.reshape(self.shape), self._areas_of_rings[:, None], out=out.reshape(self.shape))
+        return out
 
     @property
     def pos(self) -> Array:
@@ -162,7 +178,7 @@ class PolarCells:
         grid, g = self.shape, self.geometry
         count = ENERGY + (u is not None)
         if len(self.fields) != count:
-            self.fields, self.new = np.empty((2, count, self.rings + 2 * GHOSTS, self.angles))
+            self._set_fields(count)
         energy = np.empty((0, 0)) if u is None else u.reshape(grid)
         polar = mass.reshape(grid), vel.reshape(*grid, 2)
         self.for_rings(transport.unpack, *polar, pressure.reshape(grid), energy, dt, g, self.fields)

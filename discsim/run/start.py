@@ -40,13 +40,16 @@ def begin(scene: Scene, particles: Given | None = None, to_restore: bool = False
         raise SceneError([f"numbers of the start are too extreme: {error}; choose less extreme values"]) from error
 
 
+def _made_particles(scene: Scene) -> Given:
+    """Return the particles of [initial]. Raises FloatingPointError if a number overflows."""
+    with np.errstate(**RAISE_ON_OVERFLOW):
+        return make_particles(scene)
+
+
 def _begin(scene: Scene, particles: Given | None, to_restore: bool) -> InitialState:
     """Return the result of `begin`; faults are exceptions of any type."""
     start = start_of(scene) if particles is None else None
-    if particles is None:
-        with np.errstate(**RAISE_ON_OVERFLOW):
-            particles = make_particles(scene)
-    state = make_state(scene, particles)
+    state = make_state(scene, _made_particles(scene) if particles is None else particles)
     state.bodies = make_bodies(scene, with_start=start is not None)
     effects = load_effects(scene, state)
     if start is not None and start.settle is not None:
