@@ -20,11 +20,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from discsim.effects import base
-from discsim.initial import balance
+from discsim.initial import balance, start_of
 from discsim.numerics.state import State
 from discsim.numerics.threads import parallel_for
 from discsim.numerics.totals import rounded
 from discsim.parts import Lazy
+from discsim.physics import profile
 from discsim.physics.centre import kepler_omega
 from discsim.physics.orbits import drift_masses
 from discsim.physics.polar import cell_areas, polar_shape
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
     from discsim.scene import Scene
 
 kernels = Lazy("discsim.kernels.common.damping")
-PARTICLE_COST = 12.0  # CPU nanoseconds in a step, per particle
+OUTSIDE_COST, WITHIN_COST = 10.0, 170.0  # CPU nanoseconds in a step, per particle outside and within the zones
 # Table of v*: number of nodes in ln r, and factor in r by which the table extends beyond the zones on both sides.
 NODES, MARGIN = 4096, 8.0
 
@@ -79,7 +80,8 @@ class Effect(base.Effect):
 
     @classmethod
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
-        return PARTICLE_COST * (counts.gas + counts.dust)
+        each = OUTSIDE_COST + (WITHIN_COST - OUTSIDE_COST) * _damped_fraction(scene)
+        return each * (counts.gas + counts.dust)
 
     @classmethod
     def report(cls, scene: Scene, at: base.GasSamples) -> base.Report:
@@ -153,6 +155,21 @@ class Effect(base.Effect):
             state.ledger.damped_gas += float(lost[3])
             if mass is not None:
                 state.gas.keep_contents(mass)
+
+
+def _damped_fraction(scene: Scene) -> float:
+    """Return the fraction of particles or cells within the zones at the start; 1 if the start has no radial profile."""
+    keys = scene.table("damping")
+    inner, outer = keys.inner[1] if keys.inner else 0.0, keys.outer[0] if keys.outer else math.inf
+    if scene.model.polar:
+        middle = polar_shape(scene).centroids()[0]
+        return float(((middle < inner) | (middle > outer)).mean())
+    if scene.initial is None or start_of(scene).radial is None:
+        return 1.0
+    disc = profile.radial(scene)
+    between = np.clip([disc.inner, inner, max(inner, outer), disc.outer], disc.inner, disc.outer)
+    low, first, last, whole = disc.mass_within(between)
+    return 1.0 - float((last - first) / (whole - low))
 
 
 def _cell_warnings(scene: Scene) -> Iterator[str]:
