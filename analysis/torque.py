@@ -17,8 +17,8 @@ in units of Gamma_0 = (q r / H)^2 Sigma_0 r^4 Omega^2:
               unsaturated horseshoe drag: C = 1.1 (1.5 - p) s, for s = 1 eq. 49, -(0.85 + p + 0.9 q_T);
               linear corotation torque, of the first orbits: C = 0.7 (1.5 - p) s^1.26. For p = 1.5 both agree
     thermal   mass over the thermal mass, q (H/r)^-3. Above about 1 the theory, which is linear, does not hold
-    needed    number of gas particles for which the error by probes (without probes the error by orbits) would be a
-              tenth of the theory, if the error is inversely proportional to this number
+    needed    number of gas particles or cells for which the error by probes (without probes the error by orbits) would
+              be a tenth of the theory, if the error is inversely proportional to this number
 
 --from is a number of orbits of the companion, or a time like "500 yr".
 """
@@ -153,25 +153,28 @@ def _mean(x: np.ndarray, y: np.ndarray, first: float, last: float) -> float:
     return float(np.trapezoid(np.interp(grid, x, y), grid) / (last - first))
 
 
-def show(names: list[str], particles: list[int], found: list[Torque]) -> None:
+def show(names: list[str], scenes: list[Scene], found: list[Torque]) -> None:
     """Print one line for each quantity, and one column for each run; then what limits the comparison."""
+    particles = [scene.gas.particles for scene in scenes]
+    words = " or ".join(sorted({scene.model.elements for scene in scenes}, reverse=True))  # "particles or cells"
     needed = [
         int(float(f"{count * each.noise / (0.1 * abs(each.horseshoe)):.2g}"))
         for count, each in zip(particles, found, strict=True)
     ]
     texts = ["mean torque", "error by orbits", "error by probes", "scatter of single rows", "theory, horseshoe drag"]
-    rows: list[list[object]] = [["gas particles", "", *particles], ["whole orbits", "", *(t.orbits for t in found)]]
+    rows: list[list[object]] = [[f"gas {words}", "", *particles], ["whole orbits", "", *(t.orbits for t in found)]]
     for k, text in enumerate([*texts, "theory, linear"]):
         rows.append([text, "Gamma_0", *(each[k] for each in found)])
     rows += [["mass over the thermal mass, q (H/r)^-3", "", *(each.thermal for each in found)]]
-    rows += [["gas particles for an error of 10%", "", *needed]]
+    rows += [[f"gas {words} for an error of 10%", "", *needed]]
     starts = ", ".join(dict.fromkeys(f"{each.start:.4g}" for each in found))
     title = f"Torque by the gas on the companion from orbit {starts} on, Gamma_0 = (q r / H)^2 Sigma_0 r^4 Omega^2"
     print_table(title, ["quantity", "unit", *names], rows)
     print("a negative torque moves the companion inwards")
-    for name, each in zip(names, found, strict=True):
+    for name, scene, each in zip(names, scenes, found, strict=True):
         if each.noise > abs(each.mean) / 3.0:
-            print(f"{printable(name)}: the error is above a third of the torque; use more particles, or more orbits")
+            remedy = f"use more {scene.model.elements}, or more orbits"
+            print(f"{printable(name)}: the error is above a third of the torque; {remedy}")
         if each.thermal > 1.0:
             print(f"{printable(name)}: the companion is above the thermal mass, for which the theory does not hold")
 
@@ -191,10 +194,10 @@ def main(arguments: list[str] | None = None, prog: str | None = None) -> int:
     given = parser.parse_args(arguments)
     try:
         found = [torque(directory, given.start) for directory in given.directories]
-        particles = [load_scene(directory / "scene.toml").gas.particles for directory in given.directories]
+        scenes = [load_scene(directory / "scene.toml") for directory in given.directories]
     except (UserError, OSError) as error:
         return print_fault("torque", error)
-    show([directory.resolve().name for directory in given.directories], particles, found)
+    show([directory.resolve().name for directory in given.directories], scenes, found)
     return 0
 
 

@@ -40,7 +40,7 @@ NEEDS = {"dust": "is useful only with dust", "star": "orbits a star", "drag": "a
 def _scene_problems(draft: Draft) -> Iterator[Problem]:
     """Yield problems of a [background] with [gas], without dust, star or drag, or in an unsuitable space."""
     if draft.has("gas"):
-        yield ("background",), "[gas] is also given; keep [gas] (SPH) or [background] (prescribed disc)"
+        yield ("background",), "[gas] is also given; keep [gas] (gas that moves) or [background] (prescribed disc)"
     yield from missing_tables(draft, ("background",), {name: f"a [background] {why}" for name, why in NEEDS.items()})
     if draft.space and (draft.dimensions != 2 or draft.space.boundary != "open"):
         yield ("space",), '[background] is a 2D disc; set space.dimensions = 2 and space.boundary = "open"'

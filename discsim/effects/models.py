@@ -32,7 +32,9 @@ class GasModel:
     all models have. least_energy: smallest energy per mass after a kick, over that before. start_gas: "module:object"
     of the function (scene) that returns the gas of a start with radial profiles; None if the start makes it. sampler:
     "module:object" of the class that samples the gas at the positions of grains (`effects/sampling.py`). division:
-    "module:object" of the class that divides space and gas among MPI ranks.
+    "module:object" of the class that divides space and gas among MPI ranks. gas_bytes: estimated memory of a run in
+    bytes per entry of an array of the gas, with temporary arrays of steps and snapshots, of gas without and with an
+    energy equation.
     """
 
     applies_to: Callable[[Scene], bool]
@@ -47,6 +49,7 @@ class GasModel:
     start_gas: str | None = None
     sampler: str = "discsim.effects.sampling:SphSampler"
     division: str = "discsim.ranks.division:Division"
+    gas_bytes: tuple[float, float] = (600.0, 600.0)
 
     @property
     def is_sph(self) -> bool:
@@ -62,6 +65,10 @@ class GasModel:
     def star_in_kick(self) -> bool:
         """Whether the kick contains the gravity of the star, and the acceleration of the frame of the star."""
         return self.given is not None or self.polar
+
+    def element_of(self, species: str) -> str:
+        """Return the word for an entry of an array of "gas" or "dust", "cell" or "particle"."""
+        return self.elements.removesuffix("s") if species == "gas" or self.cells else "particle"
 
     def mass_in_rings(self, scene: Scene, gas: Particles, edges: np.ndarray) -> np.ndarray:
         """Return the mass (rings,) of the gas of a scene in rings between the radii `edges` (rings + 1,)."""
@@ -102,6 +109,7 @@ POLAR_CELLS = GasModel(
     start_gas="discsim.initial.polar:gas_in_cells",
     sampler="discsim.effects.sampling:PolarSampler",
     division="discsim.ranks.polar:RingDivision",
+    gas_bytes=(490.0, 720.0),  # measured for a disc with a planet (2026-11)
 )
 
 SPH = GasModel(applies_to=lambda scene: True)

@@ -210,8 +210,8 @@ def settle(state: State, effects: dict[str, Any]) -> None:
         equilibrium.pressure = effects["gas"].pressure_push(state, equilibrium.gravity)
     set_velocities(equilibrium, state.species)
     if state.scene.model.given is None:
-        for name, particles in state.species.items():
-            _check_orbits(equilibrium, name, particles)
+        for name in state.species:
+            _check_orbits(equilibrium, state, name)
 
 
 def set_velocities(equilibrium: Equilibrium, species: Mapping[str, Any]) -> None:
@@ -231,11 +231,12 @@ def set_velocities(equilibrium: Equilibrium, species: Mapping[str, Any]) -> None
             particles.vel[rows] = radial[:, None] * direction + azimuthal[:, None] * across
 
 
-def _check_orbits(equilibrium: Equilibrium, name: str, particles: Any) -> None:
-    """Raise ValueError if more than the mass fraction `support.MAX_FALLING` of `particles` has no circular orbit.
+def _check_orbits(equilibrium: Equilibrium, state: State, name: str) -> None:
+    """Raise ValueError if more than the mass fraction `support.MAX_FALLING` of a species has no circular orbit.
 
-    name: name of the species, for the message.
+    name: name of the species.
     """
+    particles = state.species[name]
     r = np.sqrt((particles.pos**2).sum(axis=1))
     pull = equilibrium.gravity(r)
     turning = (particles.pos[:, 0] * particles.vel[:, 1] - particles.pos[:, 1] * particles.vel[:, 0]) / r
@@ -243,12 +244,23 @@ def _check_orbits(equilibrium: Equilibrium, name: str, particles: Any) -> None:
     fraction = float(particles.mass[falling].sum() / particles.mass.sum())
     if fraction > support.MAX_FALLING:
         where = equilibrium.scene.units.show(float(np.median(r[falling])), "length")
-        outwards = np.median(pull[falling]) <= 0.0
-        cause = "self-gravity acts outwards" if outwards else "pressure or radiation pressure exceeds gravity"
-        raise ValueError(
-            f"{100.0 * fraction:.2g}% of the {name} mass has no circular orbit near r = {where}, where {cause}; "
-            "lower H/r or radiation_pressure.beta, or widen the taper there"
-        )
+        if np.median(pull[falling]) <= 0.0:
+            cause, remedy = "self-gravity acts outwards", _remedy_of_self_gravity(state)
+        else:
+            cause = "pressure or radiation pressure exceeds gravity"
+            remedy = "lower H/r or radiation_pressure.beta, or widen the taper there"
+        without = f"{100.0 * fraction:.2g}% of the {name} mass has no circular orbit near r = {where}"
+        raise ValueError(f"{without}, where {cause}; {remedy}")
+
+
+def _remedy_of_self_gravity(state: State) -> str:
+    """Return the remedy for self-gravity that acts outwards, as text: a softening of a grid cell, or less mass."""
+    keys: Any = state.scene.self_gravity
+    key, lighter = "thickness" if keys.kernel == "thin-disc" else "softening", "lower the mass of the disc"
+    if state.grid is None or getattr(keys, key) >= state.grid.cell:
+        return lighter
+    shown = state.scene.units.show(state.grid.cell, "length")
+    return f"raise self_gravity.{key} to {shown}, the side of a grid cell, or {lighter}"
 
 
 def viscous_inflow(scene: Scene, disc: profile.Radial, r: Array) -> Array:

@@ -94,7 +94,7 @@ def _missing_reason(name: str, snap: Snapshot) -> str | None:
     if name in ("gap", "hill") and not _planets(snap):
         return "the run has no planet, which is a companion with less than 3% of the star's mass"
     if name == "gap" and snap.gas is None:
-        return "the run has no gas particles"
+        return "the run has no [gas]"
     return "the scene has no [damping]" if name == "damping" and not damped_radii(snap) else None
 
 

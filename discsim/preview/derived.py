@@ -186,7 +186,7 @@ def _drag_rows(scene: Scene, at: GasSamples) -> Iterator[tuple[str, str]]:
     if side is not None:
         counts = drag_cell_counts(scene, at, side)
         yield "side of a drag cell", _quantity_texts(scene.units, side, "length")
-        yield "gas particles in a drag cell", _number_texts(counts[0])
+        yield f"gas {scene.model.elements} in a drag cell", _number_texts(counts[0])
         yield "dust particles in a drag cell", _number_texts(counts[1])
 
 

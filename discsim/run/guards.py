@@ -118,8 +118,9 @@ def check_entries(state: State, effects: Effects) -> None:
         count = check_arrays(name, held, dimensions)
         forces = state.acc_unshared.get(name)
         if forces is not None and len(forces) not in (0, count):
+            words = f"{state.scene.model.element_of(name)}s"
             raise EntryError(
-                f"{name} has {count} particles, but had {len(forces)} particles before; keep the number of particles"
+                f"{name} has {count} {words}, but had {len(forces)} {words} before; keep the number of {words}"
             )
     if state.bodies is not None:
         same = Bodies.at_rest(np.zeros(state.body_count))
@@ -208,8 +209,8 @@ def _negative_energy_remark(state: State) -> str:
     gas = state.gas
     if gas is None or gas.u is None or not gas.pressure.min() < 0.0:
         return ""
-    coldest = gas.ids[gas.pressure.argmin()]
-    return f"; gas particle {coldest} has a negative energy after one step; lower run.courant"
+    coldest = f"gas {state.scene.model.element_of('gas')} {gas.ids[gas.pressure.argmin()]}"
+    return f"; {coldest} has a negative energy after one step; lower run.courant"
 
 
 def _check_arrays(
@@ -230,7 +231,8 @@ def _check_arrays(
     if made_here and not np.isfinite(particles.pos[i]).all():
         where, rows, made_here = "in its pos", particles.pos, False
     value = ", ".join(f"{entry:g}" for entry in rows[i])
-    what = f"{name} particle {particles.ids[i]} is not finite {where} ({value}; step {state.step})"
+    element = state.scene.model.element_of(name)
+    what = f"{name} {element} {particles.ids[i]} is not finite {where} ({value}; step {state.step})"
     raise PhysicsError(what + (_remark_on_first_effect(state, effects, name, i) if made_here else ""))
 
 

@@ -185,6 +185,23 @@ def test_a_damaged_table_of_companions_is_one_message(planet, tmp_path, monkeypa
     assert [path.name for path in tmp_path.iterdir()] == ["planet"]
 
 
+def test_torque_of_cells_and_of_particles(planet, tmp_path):
+    grid = tmp_path / "grid"
+    shutil.copytree(planet, grid)
+    text = (grid / "scene.toml").read_text()
+    (grid / "scene.toml").write_text(text.replace("[gas]", '[gas]\nmethod = "grid"'))
+    period = 2 * np.pi * np.sqrt(AXIS**3 / 1.6)
+    times = np.linspace(0.0, 6 * period, 61)
+    rows = [{"time": t, "mass": 6e-4, "semi_major_axis": AXIS, "torque_gas": 1e-9 * np.cos(t)} for t in times]
+    for each in (planet, grid):
+        write_companions(each, rows)
+    done = discsim("torque", grid)
+    assert "gas cells " in done.stdout and "particles" not in done.stdout, done.output
+    assert "grid: the error is above a third of the torque; use more cells" in done.stdout
+    both = discsim("torque", grid, planet).stdout
+    assert "gas particles or cells for an error of 10%" in both and "planet: the error" in both
+
+
 def test_torque_has_a_line_for_each_quantity(planet):
     """Rows at the same times as in an orbit of period 2 pi (2.6^3 / 1.6)^(1/2), with a torque that rises by orbits."""
     period, q = 2 * np.pi * np.sqrt(AXIS**3 / 1.6), 6e-4 / 1.6

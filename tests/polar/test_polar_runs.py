@@ -418,6 +418,7 @@ WRONG = {
         {"dust": DUSTY["dust"], "drag": {"law": "stokes-number", "stokes": 0.1, "scheme": "lab14"}},
         'drag.scheme: drag.scheme "lab14" needs pairs of particles',
     ),
+    "background": ({"background": {"surface_density": 1e-4}}, "background: [gas] is also given; keep [gas] (gas that"),
     "damping": (
         {"gas": {"method": "sph"}, "damping": {"inner": [0.6, 0.7], "surface_density": True}},
         "damping.surface_density: only gas on a polar grid relaxes its surface density; remove this key",
@@ -453,8 +454,9 @@ def test_own_arrays_have_to_be_at_the_cells():
 
 
 def test_check_prints_the_grid():
-    text = report(load_scene(DISC))
+    text = report(load_scene(changed(DISC, **DUSTY)))
     assert "polar grid" in text
+    assert "gas cells in a drag cell" in text and "gas particles" not in text
     assert "rings of" in text
 
 
