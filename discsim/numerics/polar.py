@@ -72,6 +72,7 @@ class PolarCells:
         The arrays of the forces are parts of those of the drift, as each drift and each call of `find_velocities`
         write their arrays first.
         """
+        self.fields = self.new = self.padded = np.empty((0, 0, 0))  # frees earlier arrays before the allocation
         self.fields, self.new = np.empty((2, count, self.rings + 2 * GHOSTS, self.angles))
         self.swept = np.empty((self.rings + 1, self.angles))
         self.padded, self.around = self.new[:2], self.swept[:-1]

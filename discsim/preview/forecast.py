@@ -22,7 +22,7 @@ import numpy as np
 from discsim.effects import effect_classes
 from discsim.effects.base import Counts
 from discsim.initial import start_time
-from discsim.parts import Lazy
+from discsim.parts import EOS, Lazy
 from discsim.physics.centre import kepler_omega
 from discsim.physics.local import PHASES, Expected
 from discsim.preview import stored_runs
@@ -33,7 +33,7 @@ from discsim.scene import Scene
 companion_effect = Lazy("discsim.effects.companion")
 
 SAMPLE_TIMES = 64  # number of times of a run at which its time step is estimated
-BYTES_PER_PARTICLE = {"gas": 600, "dust": 180}  # memory per particle, with temporary arrays of a step
+BYTES_PER_GRAIN = 180  # memory per dust particle, with temporary arrays of a step; of gas: `GasModel.gas_bytes`
 BASE_BYTES = 250e6  # memory of the interpreter with its libraries
 # A run measures the speed of the machine if it has at least this CPU time, this ratio of CPU time to wall time (which
 # includes compilation), and this CPU time of a step by reference costs (Python takes at most 10% of such a step).
@@ -96,7 +96,8 @@ def memory_bytes(scene: Scene) -> float:
     The grid is not counted in 1D, nor if the user passes the particles.
     """
     gas, dust = _particle_counts(scene)
-    particles = BYTES_PER_PARTICLE["gas"] * gas + BYTES_PER_PARTICLE["dust"] * dust
+    per_gas = scene.model.gas_bytes[scene.gas is not None and EOS[scene.gas.eos.kind].holds_heat]
+    particles = per_gas * gas + BYTES_PER_GRAIN * dust
     found = grid(scene) if scene.initial is not None and scene.space.dimensions == 2 else None
     return BASE_BYTES + particles + (0.0 if found is None else grid_bytes(scene, found[1]))
 
