@@ -63,18 +63,8 @@ def _collect_overrides(settings: Sequence[str] | None, **run_keys: object) -> li
     return [*(settings or ()), *(Option(f"--{key}", f"run.{key}", value) for key, value in given.items())]
 
 
-def _serial_on_a_grid(scene: Scene) -> list[str]:
-    """Return what a scene has of the effects that do not run on ranks if the gas is on a polar grid."""
-    found = [f"[{name}]" for name in ("growth", "dust_diffusion") if scene.table(name) is not None]
-    accretes = any(companion.accretion_radius for companion in scene.companion or ())
-    return [*found, *(["companion.accretion_radius"] if accretes else [])]
-
-
 def _run_on_mpi(scene: Scene, directory: Path, resume: bool, quiet: bool) -> int:
     """Run the scene on MPI ranks, and return the exit status of the process."""
-    if scene.model.polar and (serial := _serial_on_a_grid(scene)):
-        wrong = f"on a polar grid {' and '.join(serial)} run on one process only"
-        fail(f"{wrong}; start one process, with run.threads, or remove them")
     try:
         import mpi4py  # noqa: F401
     except ImportError:

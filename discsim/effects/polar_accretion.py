@@ -20,8 +20,9 @@ import numpy as np
 from discsim.effects import companion
 from discsim.effects.accretion import Accreted, add_to_body
 from discsim.formulas.polar import FLOOR
+from discsim.numerics import world
 from discsim.numerics.threads import parallel_for
-from discsim.numerics.totals import total, totals
+from discsim.numerics.totals import total
 from discsim.parts import Lazy
 
 if TYPE_CHECKING:
@@ -46,31 +47,32 @@ class Companion(companion.Effect):
             return
         p, scene = state.gas, self.scene
         radius, sides = self.companions[k].accretion_radius, p.h / scene.gas.eta
-        reach = radius + 0.5 * float(sides.max())
+        reach = radius + 0.5 * float(sides.max(initial=0.0))
         found = parallel_for(kernels.split_by_radius, p.count, p.pos, reach**2, *position)
         rows = np.concatenate([inside for _, inside in found])
         pos, vel, mass, side = p.pos[rows], p.vel[rows], p.mass[rows], sides[rows]
         covered = np.clip((radius - np.sqrt(((pos - position) ** 2).sum(axis=1))) / side + 0.5, 0.0, 1.0)
-        left = np.minimum(FLOOR * float(p.density.max()) * side**2, mass)
+        densest = world.processes.max(float(p.density.max(initial=0.0)))
+        left = np.minimum(FLOOR * densest * side**2, mass)
         gone = covered * -math.expm1(-self._accretion_rate(state.bodies, k) * self._dt) * (mass - left)
         small = np.zeros(len(rows)) if p.small is None else p.small[rows] * (gone / mass)
         included = small if p.small is not None and growth.gas_mass_includes_small_dust(scene) else 0.0
         masses, live = Accreted(total(gone), total(gone - included), total(small)), bool(self.orbits.live[k])
-        before = self._spins(state.bodies, k, _spin(gone, pos, vel))
+        before = self._spin_of_companion(state.bodies, k)
         add_to_body(state, k + 1, name, (gone, pos, vel), masses, grows=True, moves=live)
         if live:
-            state.ledger.accreted_angular_momentum += before - self._spins(state.bodies, k, np.empty(0))
+            gained = self._spin_of_companion(state.bodies, k) - before
+            state.ledger.accreted_angular_momentum += total(_spin(gone, pos, vel)) - gained
         p.mass[rows] = mass - gone
         if p.small is not None:
             p.small[rows] -= small
         if p.radiated is not None:
             p.radiated[rows] *= mass / p.mass[rows]
 
-    def _spins(self, bodies: Bodies, k: int, others: np.ndarray) -> float:
-        """Return the angular momentum of companion `k` about the origin, plus the sum of `others` (n,)."""
+    def _spin_of_companion(self, bodies: Bodies, k: int) -> float:
+        """Return the angular momentum of companion `k` about the origin."""
         one = slice(k + 1, k + 2)
-        own = _spin(bodies.mass[one], bodies.pos[one], bodies.vel[one])
-        return float(totals(np.concatenate([own, others])[:, None])[0])
+        return float(_spin(bodies.mass[one], bodies.pos[one], bodies.vel[one])[0])
 
     def _accretion_rate(self, bodies: Bodies, k: int) -> float:
         """Return the rate at which companion `k` takes gas within its accretion radius."""

@@ -49,35 +49,34 @@ class CellsAroundGrains(growth.GasAroundGrains):
 
     def search(self, state: State) -> None:
         gas, dust = self.gas, self.dust
-        self.grains = polar.PolarGrains(self.geometry, dust.pos, dust.ids)
-        shape = self.grains.shape
-        self.area = np.repeat(self.geometry.volume * self.geometry.angle, shape[1])
+        self.grains = polar.PolarGrains(self.geometry, state, dust.pos)
         # The pressure of the last force belongs to the densities before the drift.
-        pressure = thermal_speed(state.scene, gas) ** 2 * self.carried / self.area
-        arrays = self.carried, gas.small, pressure
-        self.cells = of_cells.CarrierCells(gas.vel.reshape(*shape, 2), *(array.reshape(shape) for array in arrays))
+        pressure = thermal_speed(state.scene, gas) ** 2 * self.carried / self.grains.area
+        arrays = [gas.vel, self.carried, gas.small, pressure]
+        self.cells = of_cells.CarrierCells(*self.grains.with_ghost_rings(arrays))
 
     def find(self, centre: np.ndarray) -> np.ndarray:
         dust, grains = self.dust, self.grains
         self.field = np.empty((dust.count, kernels.COLUMNS))
-        deposit = (grains.spread(dust.mass) / self.area).reshape(grains.shape)
+        (deposit,) = grains.with_ghost_rings([grains.spread(dust.mass) / grains.area])
         parallel_for(
-            of_cells.gather, dust.count, dust.pos, grains.places, self.cells, deposit, self.geometry, self.field
+            of_cells.gather, dust.count, dust.pos, grains.places, self.cells, deposit, grains.geometry, self.field
         )
         return self.field
 
     def exchange(self, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        dust, grains = self.dust, self.grains
+        dust, grains, near = self.dust, self.grains, self.grains.near
         taken, spread = np.empty((2, *grains.shape))
         got = np.empty((*grains.shape, 3))
         wanted = np.where(grains.outside, 0.0, wanted)
-        given = self.field, wanted, self.cells
+        vel, field, of_near = near.members.all_with_ghosts([dust.vel, self.field, wanted])
         grains.for_rings(
-            of_cells.exchange_to_cells, dust.pos, dust.vel, grains.places, grains.sorted, *given, self.geometry, taken,
-            spread, got,
+            of_cells.exchange_to_cells, near.pos, vel, near.places, near.sorted, field, of_near, self.cells,
+            grains.geometry, taken, spread, got,
         )  # fmt: skip
+        (spread,) = grains.with_ghost_rings([spread[grains.own].ravel()])
         parallel_for(
-            of_cells.exchange_to_grains, dust.count, dust.pos, grains.places, *given, spread, self.geometry, dust.mass,
-            dust.vel,
+            of_cells.exchange_to_grains, dust.count, dust.pos, grains.places, self.field, wanted, self.cells, spread,
+            grains.geometry, dust.mass, dust.vel,
         )  # fmt: skip
-        return taken.ravel(), got.reshape(-1, 3)
+        return taken[grains.own].ravel(), got[grains.own].reshape(-1, 3)

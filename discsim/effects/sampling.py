@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from discsim.formulas.smoothing import SMOOTHING
+from discsim.numerics import world
 from discsim.numerics.state import State
 from discsim.numerics.threads import parallel_for
 from discsim.parts import Lazy, import_object
@@ -166,26 +167,22 @@ class PolarSampler(GasSampler):
 
     def begin(self, state: State) -> None:
         super().begin(state)
-        shape = len(self.geometry.radius), len(self.geometry.cos)
-        speed2 = thermal_speed(self.scene, state.gas) ** 2
-        self.cells = state.gas.mass.reshape(shape), speed2.reshape(shape)
+        self.cells = [state.gas.mass, thermal_speed(self.scene, state.gas) ** 2]
 
     def at(self, pos: np.ndarray) -> np.ndarray:
-        field, places = np.empty((len(pos), 7)), self._grains(pos).places
-        parallel_for(of_cells.sample, len(pos), pos, places, *self.cells, self.geometry, field)
+        field, grains = np.empty((len(pos), 7)), polar.PolarGrains(self.geometry, self.state, pos)
+        cells = grains.with_ghost_rings(self.cells)
+        parallel_for(of_cells.sample, len(pos), pos, grains.places, *cells, grains.geometry, field)
         return field
-
-    def _grains(self, pos: np.ndarray) -> Any:
-        """Return the dust at the positions `pos` (n, 2) among the cells."""
-        return polar.PolarGrains(self.geometry, pos, self.state.dust.ids)
 
     def subtract_angular_momentum(
         self, gained: np.ndarray, start: np.ndarray, end: np.ndarray, density: np.ndarray, centre: np.ndarray
     ) -> None:
         gas, middle = self.state.gas, 0.5 * (start + end)
-        grains = self._grains(middle)
-        if grains.outside.any():
-            grains = self._grains(np.where(grains.outside[:, None], start, middle))
+        grains = polar.PolarGrains(self.geometry, self.state, middle)
+        if world.processes.max(grains.outside.any()):
+            middle = np.where(grains.outside[:, None], start, middle)
+            grains = polar.PolarGrains(self.geometry, self.state, middle)
         near = grains.sum_weights(gas.mass)
         # A cell takes the fraction w m / near of the angular momentum; its mass cancels in the change of the velocity.
         per_mass = grains.spread(np.divide(gained, near, out=np.zeros(len(gained)), where=near != 0.0))

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -20,8 +20,12 @@ from discsim.formulas.polar import ring_sides
 from discsim.kernels.polar import forces, sampling, tracer, transport, viscosity
 from discsim.kernels.polar.geometry import DENSITY, ENERGY, GHOSTS, Geometry, fill_force_ghosts, fill_ghosts
 from discsim.kernels.polar.parabola import side_coefficients
+from discsim.numerics import world
 from discsim.numerics.sorting import counting_sort
 from discsim.numerics.threads import parallel_for
+
+if TYPE_CHECKING:
+    from discsim.numerics.state import State
 
 Array = np.ndarray
 CHUNK = 4096  # smallest number of cells in a chunk of a parallel loop
@@ -46,6 +50,24 @@ def geometry_of(rings: int, angles: int, inner: float, outer: float, closed: boo
 def _azimuth(angles: int) -> Array:
     """Return the azimuths (angles,) of the centroids in a ring."""
     return (np.arange(angles) + 0.5) * (2.0 * math.pi / angles)
+
+
+def rings_of(geometry: Geometry, begin: int, end: int, first: int) -> Geometry:
+    """Return the geometry of the rings `begin` to `end`; first: the first own ring among them."""
+    some = slice(begin, end)
+    return geometry._replace(
+        sides=geometry.sides[begin : end + 1], radius=geometry.radius[some], volume=geometry.volume[some],
+        weights=geometry.weights[begin : end + 2 * GHOSTS], first=first,
+    )  # fmt: skip
+
+
+def _on_rings(kernel: Callable[..., Any], begin: int, end: int, angles: int, *arguments: Any) -> list[Any]:
+    """Run `kernel(first, last, *arguments)` on chunks of the rings `begin` to `end`; return the results in order."""
+
+    def run(first: int, last: int, *given: Any) -> Any:
+        return kernel(begin + first, begin + last, *given)
+
+    return parallel_for(run, end - begin, *arguments, least=max(1, CHUNK // angles))
 
 
 class PolarCells:
@@ -110,14 +132,10 @@ class PolarCells:
 
         more: number of ghost rings on both sides on which the kernel runs too.
         """
-        begin, end = max(self.own.start - more, 0), min(self.own.stop + more, self.rings)
-
-        def run(first: int, last: int, *given: Any) -> Any:
-            return kernel(begin + first, begin + last, *given)
-
         if self.own.start == self.own.stop:
             return []
-        return parallel_for(run, end - begin, *arguments, least=max(1, CHUNK // self.angles))
+        begin, end = max(self.own.start - more, 0), min(self.own.stop + more, self.rings)
+        return _on_rings(kernel, begin, end, self.angles, *arguments)
 
     def with_empty_ghosts(self, array: Array, number: int) -> Array:
         """Return `array` (n,) of the own cells as (rings, angles), with uninitialised ghost rings.
@@ -186,7 +204,8 @@ class PolarCells:
         passed, lost = self._prepare_tracer(mass, small), np.zeros((2, 5))
         for radial in (radial_first, not radial_first):
             if radial:
-                self.update_ghosts([field[GHOSTS:-GHOSTS] for field in self.fields])
+                moving = [*self.fields, *([] if small is None else [self.share[0]])]
+                self.update_ghosts([field[GHOSTS:-GHOSTS] for field in moving])
                 fill_ghosts(self.fields, g.closed)
                 # The flux through a side depends on what is swept through the next sides too.
                 self.for_rings(transport.find_swept, self.fields, gamma, dt, g, self.swept, more=2)
@@ -199,7 +218,7 @@ class PolarCells:
             self.fields, self.new = self.new, self.fields
         self.for_rings(transport.pack, self.fields, dt, g, *polar, energy)
         if small is not None:
-            np.multiply(self.share[0, GHOSTS : GHOSTS + self.rings].ravel(), mass, out=small)
+            np.multiply(self.share[0, GHOSTS:-GHOSTS][self.own].ravel(), mass, out=small)
         return lost
 
     def _prepare_tracer(self, mass: Array, small: Array | None) -> tracer.Passed:
@@ -210,7 +229,7 @@ class PolarCells:
             self.share = np.zeros((2, self.rings + 2 * GHOSTS, self.angles))
             sides = self.rings + 1, self.angles + 1
             self.passed = tracer.Passed(np.empty(sides), np.empty(sides), np.empty(self.rings, np.int64))
-        self.share[0, GHOSTS : GHOSTS + self.rings] = (small / mass).reshape(self.shape)
+        self.share[0, GHOSTS:-GHOSTS][self.own] = (small / mass).reshape(self.shape)
         return self.passed
 
     def _move_tracer(self, passed: tracer.Passed, radial: bool) -> Array:
@@ -220,53 +239,120 @@ class PolarCells:
         lost = np.zeros(2)
         if radial:
             tracer.fill_share_ghosts(share)
-            lost = sum(self.for_rings(tracer.carry_radially, share, before, after, passed, self.geometry, new), lost)
+            arrays = share, before, after, passed, self.swept, self.geometry, new
+            lost = sum(self.for_rings(tracer.carry_radially, *arrays), lost)
         else:
             self.for_rings(tracer.carry_around, share, before, after, passed, new)
         self.share = self.share[::-1]
         return lost
 
 
-class PolarGrains:
-    """Grains among polar cells: their places, and sums over them in cells.
+class NearGrains(NamedTuple):
+    """Grains that contribute to sums over grains in the own cells: the own grains, and then ghosts.
 
-    pos (n, 2): positions of the grains. ids (n,): their ids, for the order of sums. geometry: of the cells. places: for
-    kernels.
+    members: combination of both. pos (n, 2): positions. places, sorted: for kernels.
     """
 
-    def __init__(self, geometry: Geometry, pos: Array, ids: Array) -> None:
-        self.geometry, self.ids = geometry, ids
-        self.shape = rings, angles = len(geometry.radius), len(geometry.cos)
-        count = len(pos)
-        self.places = sampling.PolarPlaces(np.empty(count, np.int32), np.empty(count, np.int32), np.empty((count, 2)))
-        self.cell = np.empty(count, np.int64)
-        edges = geometry.sides[0], rings / math.log(geometry.sides[-1] / geometry.sides[0])
-        parallel_for(
-            sampling.find_places, count, pos, *edges, rings, geometry.angle, angles, self.places, self.cell
-        )  # fmt: skip
+    members: world.ParticlesWithGhosts
+    pos: Array
+    places: sampling.PolarPlaces
+    sorted: sampling.SortedGrains
 
-    @cached_property
-    def sorted(self) -> sampling.SortedGrains:
-        """The grains sorted by cells, and by ids within a cell."""
-        return sampling.SortedGrains(*counting_sort(self.cell, math.prod(self.shape) + 1, self.ids))
+
+class PolarGrains:
+    """The dust of a state at the positions `pos` (n, 2) among polar cells, with sums over cells and over grains.
+
+    With several processes the cells are those of consecutive rings: the own rings and the rings of own grains, with one
+    more on both sides. Those of other processes among them are ghost rings. All but `for_rings` is collective.
+
+    whole: geometry of all rings. first: first ring of this process among them. geometry: of the rings of this process.
+    own: the own rings among these, a slice. places: of the own grains, for kernels.
+    """
+
+    def __init__(self, whole: Geometry, state: State, pos: Array) -> None:
+        self.whole, self.gas, self.dust, self.pos = whole, state.gas, state.dust, pos
+        self.angles = len(whole.cos)
+        self.places = self._places_at(pos)
+        self.first, self.geometry, self.own = 0, whole, slice(0, len(whole.radius))
+        self._cells = world.ParticlesWithGhosts()
+        if world.processes.is_parallel:
+            self._fetch_rings()
+
+    def _places_at(self, pos: Array) -> sampling.PolarPlaces:
+        """Return the places of grains at `pos` (n, 2), with ring numbers of the whole grid."""
+        g, count, rings = self.whole, len(pos), len(self.whole.radius)
+        logarithm = math.log(g.sides[-1] / g.sides[0])
+        arrays = np.empty(count, np.int32), np.empty(count, np.int32), np.empty((count, 2))
+        places = sampling.PolarPlaces(*arrays, logarithm / rings)
+        edges = g.sides[0], rings / logarithm
+        parallel_for(sampling.find_places, count, pos, *edges, rings, g.angle, self.angles, places)
+        return places
+
+    def _fetch_rings(self) -> None:
+        """Set the rings of this process, and combine its own cells with those of ghost rings."""
+        rings, own = np.arange(len(self.whole.radius)), self.gas.global_index[:: self.angles] // self.angles
+        around, end = np.concatenate([own.astype(np.int64), self.places.ring[~self.outside]]), 0
+        if len(around) > 0:
+            self.first, end = max(int(around.min()) - 1, 0), min(int(around.max()) + 2, len(rings))
+        begin = int(own[0]) - self.first if len(own) > 0 else 0
+        self.own, self.geometry = slice(begin, begin + len(own)), rings_of(self.whole, self.first, end, begin)
+        self.places.ring[~self.outside] -= self.first
+        key = np.repeat(own.astype(np.uint32), self.angles)
+        needed = world.NeededCells((rings >= self.first) & (rings < end), rings, rings + 1)
+        self._cells = world.processes.fetch_ghosts(self.gas, key, lambda: needed)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Numbers of rings and of cells in a ring."""
+        return len(self.geometry.radius), self.angles
+
+    @property
+    def area(self) -> Array:
+        """Areas (own cells,)."""
+        return np.repeat(self.geometry.volume[self.own] * self.geometry.angle, self.angles)
 
     @property
     def outside(self) -> Array:
-        """Mask (n,) of grains beyond the edges of the grid."""
+        """Mask (n,) of own grains beyond the edges of the grid."""
         return self.places.ring < 0
 
+    @cached_property
+    def near(self) -> NearGrains:
+        """The grains that contribute to sums in the own cells: those in the own rings and in the next rings."""
+        beyond, count = len(self.whole.radius), self.own.stop - self.own.start
+        rings, low = np.arange(beyond + 1), self.first + self.own.start - 1
+        needed = (rings >= low) & (rings < min(low + count + 2, beyond)) & (count > 0)
+        key = np.where(self.outside, beyond, self.places.ring + self.first).astype(np.uint32)
+        members = world.processes.fetch_ghosts(self.dust, key, lambda: world.NeededCells(needed, rings, rings + 1))
+        (pos, ids), places = members.all_with_ghosts([self.pos, self.dust.ids]), self.places
+        if len(pos) > len(self.pos):
+            places = self._places_at(pos)
+            places.ring[places.ring >= 0] -= self.first
+        cells, ring = math.prod(self.shape), places.ring.astype(np.int64)
+        cell = np.where(ring < 0, cells, ring * self.angles + places.column)
+        return NearGrains(members, pos, places, sampling.SortedGrains(*counting_sort(cell, cells + 1, ids)))
+
     def for_rings(self, kernel: Callable[..., Any], *arguments: Any) -> list[Any]:
-        """Run `kernel(first, last, *arguments)` on chunks of the rings; return the results, in the order of chunks."""
-        return parallel_for(kernel, self.shape[0], *arguments, least=max(1, CHUNK // self.shape[1]))
+        """Run `kernel(first, last, *arguments)` on chunks of the own rings; return the results in order."""
+        return _on_rings(kernel, self.own.start, self.own.stop, self.angles, *arguments)
+
+    def with_ghost_rings(self, arrays: list[Array]) -> list[Array]:
+        """Return arrays (n, ...) of the own cells as (rings, angles, ...), with the ghost rings."""
+        own, below = (self.own.stop - self.own.start) * self.angles, self.own.start * self.angles
+        found = self._cells.all_with_ghosts(arrays)
+        if below > 0:  # ghosts come after the own cells
+            found = [np.concatenate([a[own : own + below], a[:own], a[own + below :]]) for a in found]
+        return [array.reshape(*self.shape, *array.shape[1:]) for array in found]
 
     def sum_weights(self, values: Array) -> Array:
-        """Return the sum (n,) of weights times `values` (cells,) at each grain; 0 beyond the edges."""
-        out = np.empty(len(self.cell))
-        parallel_for(sampling.sum_weights, len(out), self.places, values.reshape(self.shape), out)
+        """Return the sum (n,) of weights times `values` (own cells,) at each own grain; 0 beyond the edges."""
+        out, (values,) = np.empty(len(self.pos)), self.with_ghost_rings([values])
+        parallel_for(sampling.sum_weights, len(out), self.places, values, out)
         return out
 
     def spread(self, values: Array) -> Array:
-        """Return the sum (cells,) of weights times `values` (n,) over the grains near each cell."""
-        out = np.empty(self.shape)
-        self.for_rings(sampling.spread, self.places, self.sorted, values, out)
-        return out.ravel()
+        """Return the sum (own cells,) of weights times `values` (n,), of own grains, over the grains near each cell."""
+        near, out = self.near, np.empty(self.shape)
+        values = near.members.with_ghosts(values)
+        self.for_rings(sampling.spread, near.places, near.sorted, values, out)
+        return out[self.own].ravel()

@@ -6,7 +6,8 @@ the borders have gas of other ranks around them.
 
 Work arrays of the kernels have the own rings and HALO ghost rings on both sides, or up to the edge of the grid. Ghost
 rings are fetched before the forces, before viscosity and before the radial sweep. Kernels then compute the own rings
-with the same numbers as on one rank.
+with the same numbers as on one rank. Sums over cells at grains, and over grains in cells, have ghosts of their own
+(`PolarGrains` in `numerics/polar.py`).
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ import numpy as np
 
 from discsim.formulas.polar import ring_sides
 from discsim.kernels.polar.geometry import GHOSTS
-from discsim.numerics.polar import PolarCells
+from discsim.numerics.polar import PolarCells, rings_of
 from discsim.physics.polar import polar_shape
 from discsim.ranks.division import TILES_PER_SIDE, Division
 
@@ -118,14 +119,7 @@ class DividedCells(PolarCells):
         low = np.where(held, np.maximum(begin - HALO, 0), begin)
         high = np.where(held, np.minimum(end + HALO, len(g.radius)), end)
         first, last = int(low[rank]), int(high[rank])
-        some = slice(first, last)
-        self.set_rings(
-            g._replace(
-                sides=g.sides[first : last + 1], radius=g.radius[some], volume=g.volume[some],
-                weights=g.weights[first : last + 2 * GHOSTS], first=int(begin[rank]) - first,
-            ),
-            int(end[rank] - begin[rank]),
-        )  # fmt: skip
+        self.set_rings(rings_of(g, first, last, int(begin[rank]) - first), int(end[rank] - begin[rank]))
         self._with_ghosts = np.empty((2, self.rings, self.angles))  # memory of `with_empty_ghosts`
         elsewhere = np.arange(self.comm.size) != rank
         # Rings that this rank sends to each rank, and ghost rings that it receives from each rank: first ring and end.

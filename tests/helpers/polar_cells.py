@@ -40,12 +40,16 @@ def set_polar(particles, radial, around):
 
 
 class Disc:
-    """Gas in `cells` with c_s(r) or u, about a point mass `star`, in a leapfrog; arrays as in the state of a run."""
+    """Gas in `cells` with c_s(r) or u, about a point mass `star`, in a leapfrog; arrays as in the state of a run.
 
-    def __init__(self, cells, density, radial, around, sound=None, u=None, gamma=1.0, star=1.0):
+    share: mass of small dust over that of the cells.
+    """
+
+    def __init__(self, cells, density, radial, around, sound=None, u=None, gamma=1.0, star=1.0, share=None):
         self.cells, self.gamma, self.star, self.u = cells, gamma, star, u
         self.r, self.phi = np.hypot(*cells.pos.T), np.arctan2(cells.pos[:, 1], cells.pos[:, 0])
         self.mass = density * cells.area
+        self.small = None if share is None else share * self.mass
         self.out = cells.pos / self.r[:, None]
         self.across = np.stack([-self.out[:, 1], self.out[:, 0]], axis=1)
         self.vel = np.asarray(radial)[..., None] * self.out + np.asarray(around)[..., None] * self.across
@@ -88,8 +92,9 @@ class Disc:
 
     def step(self, dt):
         self.kick(0.5 * dt)
+        radial_first = self.step_number % 2 == 0
         lost = self.cells.move(
-            self.mass, self.vel, self.pressure, self.u, self.gamma, dt, radial_first=self.step_number % 2 == 0
+            self.mass, self.vel, self.pressure, self.u, self.gamma, dt, radial_first=radial_first, small=self.small
         )
         self.step_number += 1
         self.time += dt

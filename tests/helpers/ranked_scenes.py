@@ -95,6 +95,22 @@ def from_patch(folder):
     return source | {"initial": {"kind": "snapshot", "file": str(path)}}
 
 
+def from_patch_in_rings(folder):
+    """Few grains, all in one place, that grow and diffuse in gas on a polar grid."""
+    random, path, source = np.random.default_rng(6), folder / "snapshot.h5", changed(RINGS, GROWING)
+    gas = Simulation(source).gas
+    pos = [0.1, 1.3] + 0.2 * random.random((60, 2))
+    vel = np.stack([-pos[:, 1], pos[:, 0]], axis=1) * 1.3**0.5 / np.linalg.norm(pos, axis=1)[:, None] ** 1.5
+    given = {"dust": {"pos": pos, "vel": vel, "mass": np.full(60, 1e-6)}}
+    given["gas"] = {name: getattr(gas, name) for name in ("pos", "vel", "mass", "small")}
+    put_out(Simulation(source, given), path)
+    started = {"kind": "snapshot", "file": str(path)}
+    growth = GROWING["growth"] | {"small_ratio": None}
+    return changed(RINGS, GROWING | {"growth": without_nothing(growth), "dust_diffusion": {"alpha": 0.02}}) | {
+        "initial": started
+    }
+
+
 def of_files(make, steps=3):
     def source():
         with tempfile.TemporaryDirectory() as folder:
@@ -173,6 +189,12 @@ EVERYTHING = {
 LOSING = {"gas": {"grid": {"inner": 0.55, "outer": 1.9, "edges": "open"}}}
 CLOSED_AND_WARM = {"eos": ADIABATIC | {"aspect_ratio": 0.07}, "grid": {"edges": "closed"}}
 PLANET = {"mass": 3e-3, "semi_major_axis": 1.1, "softening": 0.05, "orbit": "live"}
+EATER = PLANET | {"accretion_radius": 0.15}
+GROWING = {
+    "dust": {"grain_size": 1e-6, "grain_density": 1.0},
+    "drag": {"law": "epstein", "stokes": None},
+    "growth": {"fragmentation_speed": 0.1, "alpha": 1e-3, "small_size": 1e-9, "small_ratio": 0.05},
+}
 
 SCENES = {
     # Of 18 steps two sort, and cut space anew where that is due.
@@ -307,6 +329,36 @@ SCENES = {
     # Fewer rings than a rank has ghosts.
     "few rings": rings(4, gas={"particles": 300, "grid": {"rings": 7}}, self_gravity={"softening": 0.1}),
     # Dust that flies away: other ranks get the rings.
+    "rings growth": rings(5, **GROWING),
+    # Small dust leaves both edges, and grains that are blown away are among the rings of all ranks, and beyond them.
+    "rings growth losing": rings(
+        18,
+        **LOSING,
+        dust=GROWING["dust"] | {"particles": 5000},
+        drag=GROWING["drag"] | {"direction": "one-way"},
+        growth=GROWING["growth"],
+        radiation_pressure={"beta": 2.0},
+    ),
+    "rings diffusion": rings(3, dust_diffusion={"alpha": 0.02}, drag={"scheme": "emsi"}),
+    "rings diffusion far": rings(3, dust_diffusion={"alpha": 0.5}, dust={"particles": 700}),
+    "rings diffusion one-way": rings(3, dust_diffusion={"D": 1e-3}, drag={"direction": "one-way"}),
+    "rings accretion": rings(3, companion=[EATER, EATER | {"semi_major_axis": 0.8, "accretion_rate": 20.0}]),
+    "rings everything": rings(
+        18,
+        gas={"eos": ADIABATIC | {"aspect_ratio": 0.07}, "grid": {"edges": "open"}},
+        companion=[EATER],
+        star={"grows": True, "accretion_radius": 0.5},
+        cooling={"kind": "beta", "beta": 7.0},
+        dust_diffusion={"alpha": 0.02},
+        self_gravity={"softening": 0.05},
+        damping={"outer": [1.7, 2.0], "surface_density": True},
+        **GROWING,
+    ),
+    # Grains in one place among rings of others, and none on other ranks.
+    "rings growth in a patch": of_files(from_patch_in_rings, 6),
+    "few rings growth": rings(
+        4, gas={"particles": 300, "grid": {"rings": 7}}, dust_diffusion={"alpha": 0.02}, companion=[EATER], **GROWING
+    ),
     "rings that move": rings(
         18,
         dust={"particles": 9000},
@@ -323,7 +375,8 @@ FEW_SCENES = (
     "heat paid around", "constant sparse", "sizes", "growth of all", "growth of many", "growth in a patch",
     "diffusion in clumps", "diffusion eaten", "diffusion in a box", "everything", "clumps", "one tile", "mk heat",
     "esph two-way 1D", "emsi-ppm shock", "setup dead_zone_oneway",
-    "rings", "rings losing", "few rings", "rings that move",
+    "rings", "rings losing", "few rings", "rings that move", "rings everything", "rings growth losing",
+    "rings growth in a patch", "few rings growth", "rings diffusion", "rings diffusion far",
 )  # fmt: skip
 for scheme in OF_PARTICLES:
     for way in BOTH:

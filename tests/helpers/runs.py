@@ -60,6 +60,14 @@ drag = {law = "stokes-number", stokes = 0.1}
 """
 
 
+# Settings of RINGS with effects that need the gas around grains, and a companion that takes gas from cells.
+GROWING_RINGS = [
+    "dust.grain_size=1e-6", "dust.grain_density=1.0", 'drag={law = "epstein"}', "dust_diffusion.alpha=0.02",
+    "growth={fragmentation_speed = 0.1, alpha = 1e-3, small_size = 1e-9}",
+    'companion=[{mass = 3e-3, semi_major_axis = 1.1, softening = 0.05, orbit = "live", accretion_radius = 0.1}]',
+]  # fmt: skip
+
+
 SHOCK = """\
 units.system = "code"
 [run]

@@ -1,5 +1,7 @@
 """Dust in gas of a polar grid: turbulent diffusion, and the gas at grains that it needs."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from polar_cells import MASS, ring
@@ -58,9 +60,15 @@ def spin(particles):
     return float(particles.mass @ (x * particles.vel[:, 1] - y * particles.vel[:, 0]))
 
 
+def grains_at(cells, pos, ids=None):
+    """Grains at `pos` among cells."""
+    dust = SimpleNamespace(ids=np.arange(len(pos)) if ids is None else ids)
+    return PolarGrains(cells.geometry, SimpleNamespace(gas=None, dust=dust), pos)
+
+
 def fields_at(cells, pos, density, speed2):
     """The gas at `pos` by splines, of cells with the densities (n,) and c^2 (n,)."""
-    places, out = PolarGrains(cells.geometry, pos, np.arange(len(pos))).places, np.empty((len(pos), 7))
+    places, out = grains_at(cells, pos).places, np.empty((len(pos), 7))
     mass = (density * cells.area).reshape(cells.shape)
     sampling.sample(0, len(pos), pos, places, mass, speed2.reshape(cells.shape), cells.geometry, out)
     return out
@@ -115,7 +123,7 @@ def test_gradients_are_those_of_the_sampled_gas():
 def test_sums_over_grains_are_complete():
     """Sums over grains on the grid are exact, uniform gas is sampled exactly, and there is no gas beyond the edges."""
     cells, pos = ring(7, 19, 0.6, 1.5), places_within(500, 0.6001, 1.4999)
-    grains = PolarGrains(cells.geometry, pos, np.arange(500)[::-1].copy())
+    grains = grains_at(cells, pos, np.arange(500)[::-1].copy())
     values = np.random.default_rng(2).uniform(0.5, 2.0, 500)
     assert grains.spread(values).sum() == pytest.approx(values.sum(), rel=1e-13)
     assert np.allclose(grains.sum_weights(np.full(7 * 19, 1.7)), 1.7, rtol=1e-13)
@@ -123,7 +131,7 @@ def test_sums_over_grains_are_complete():
     other = np.random.default_rng(5).uniform(0.5, 2.0, 7 * 19)
     assert grains.spread(values) @ other == pytest.approx(values @ grains.sum_weights(other), rel=1e-13)
     beyond = np.array([[0.59, 0.0], [0.0, 1.51], [0.0, 0.0], [1.0, 0.2]])
-    grains = PolarGrains(cells.geometry, beyond, np.arange(4))
+    grains = grains_at(cells, beyond)
     assert grains.outside.tolist() == [True, True, True, False]
     assert grains.spread(np.ones(4)).sum() == pytest.approx(1.0, rel=1e-13)
     assert (fields_at(cells, beyond, np.ones(7 * 19), np.ones(7 * 19))[:3] == 0.0).all()

@@ -40,14 +40,11 @@ class Laden(Disc):
     """Gas in polar cells that carries small dust."""
 
     def __init__(self, cells, share, *given, **named):
-        super().__init__(cells, *given, **named)
-        self.small, self.lost = share * self.mass, np.zeros((2, 5))
-        self.move, cells.move = cells.move, self.moved
+        super().__init__(cells, *given, **named, share=share)
+        self.lost = np.zeros((2, 5))
 
-    def moved(self, *given, **named):
-        lost = self.move(*given, **named, small=self.small)
-        self.lost += lost
-        return lost
+    def step(self, dt):
+        self.lost += super().step(dt)
 
 
 def rough(cells, share, seed=7):

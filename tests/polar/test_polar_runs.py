@@ -7,7 +7,6 @@ from runs import assert_resumes, on_threads, state_bits
 from scenes import changed, problems
 
 from discsim import SceneError, Simulation, load_scene
-from discsim.cli.runs import _run_on_mpi
 from discsim.effects.polar import MAX_PUSH
 from discsim.exact import nsh, spreading_ring
 from discsim.formulas.polar import FLOOR
@@ -470,15 +469,6 @@ def test_cells_resolve_the_hill_radius_and_the_softening(cells, count):
     expected = [f"is {length / side:.2g} times the side of a cell" for length in lengths if length < 1.5 * side]
     assert len(said) == len(expected) == count
     assert all(words in line for words, line in zip(expected, said, strict=True))
-
-
-def test_effects_that_run_on_one_process_only(tmp_path, capsys):
-    planet = PLANET | {"accretion_radius": 0.03}
-    scene = load_scene(changed(DISC, companion=planet, dust_diffusion={"alpha": 0.01}, **DUSTY))
-    with pytest.raises(SystemExit):
-        _run_on_mpi(scene, tmp_path, False, True)
-    found = capsys.readouterr().err
-    assert "on a polar grid [dust_diffusion] and companion.accretion_radius run on one process only" in found
 
 
 @pytest.mark.parametrize("rings", [5, 40])

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from launched import ENVIRONMENT, LONGEST, MARKS, command_of, differing
 from recipes import PAGES, files_of, write_package
-from runs import DISC, RINGS, assert_same_files, assert_same_run
+from runs import DISC, GROWING_RINGS, RINGS, assert_same_files, assert_same_run
 
 import discsim
 from discsim import load_scene, read_snapshot
@@ -75,8 +75,7 @@ def test_gas_in_rings_goes_on_with_another_number_of_ranks(tmp_path):
     path, one, others = (tmp_path / name for name in ("rings.toml", "one", "others"))
     path.write_text(RINGS)
     settings = [
-        'gas.eos={kind = "adiabatic", gamma = 1.3, aspect_ratio = 0.07}',
-        'companion=[{mass = 3e-3, semi_major_axis = 1.1, softening = 0.05, orbit = "live"}]',
+        *GROWING_RINGS, 'gas.eos={kind = "adiabatic", gamma = 1.3, aspect_ratio = 0.07}',
         "self_gravity.softening=0.05", 'cooling={kind = "beta", beta = 7.0}', "alpha_viscosity.alpha=0.01",
         "damping.outer=[1.7, 2.0]", "run.every=0.1",
     ]  # fmt: skip

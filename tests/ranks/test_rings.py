@@ -48,7 +48,7 @@ class Messages:
 
 
 def viscous_steps(disc, steps=4, dt=0.03):
-    """Steps of a disc with a viscosity that differs from cell to cell; returns what leaves the edges."""
+    """Steps of a disc with a viscosity and a share of small dust that differ from cell to cell; returns what leaves."""
     lost = 0.0
     for _ in range(steps):
         lost = lost + disc.step(dt)
@@ -61,7 +61,8 @@ def viscous_steps(disc, steps=4, dt=0.03):
 def part_of(disc, cells, some=slice(None)):
     """Some cells of a disc."""
     sound, u = (None if each is None else each[some].copy() for each in (disc.sound, disc.u))
-    part = Disc(cells, disc.density[some], 0.0, 0.0 * disc.mass[some], sound, u, disc.gamma, star=1.3)
+    share = np.random.default_rng(2).random(len(disc.mass))[some]
+    part = Disc(cells, disc.density[some], 0.0, 0.0 * disc.mass[some], sound, u, disc.gamma, star=1.3, share=share)
     part.vel[:] = disc.vel[some]
     part.forces(0.0)
     return part
@@ -91,9 +92,11 @@ def torn(cells):
 
 @pytest.mark.parametrize("closed", [True, False], ids=["closed", "open"])
 @pytest.mark.parametrize("make", [warm, torn])
-@pytest.mark.parametrize("edges", [(0, 7, 13), (0, 1, 1, 6, 9, 13), (0, 0, 13)], ids=["even", "uneven", "one of two"])
+@pytest.mark.parametrize(
+    "edges", [(0, 7, 13), (0, 1, 1, 6, 9, 12, 13), (0, 0, 13)], ids=["even", "uneven", "one of two"]
+)
 def test_gas_on_ranks_has_the_bits_of_one(edges, make, closed):
-    """Of uneven ranks one has no rings, and one has a single one."""
+    """And so has small dust that moves with it. Of uneven ranks one has no rings, and two have a single one."""
     cells = ring(13, 31, 0.4, 1.6, closed)
     begun, messages, out = make(cells), Messages(len(edges) - 1), {}
     threads = [Thread(target=step_on_rank, args=(begun, messages, edges, rank, out)) for rank in range(messages.size)]
@@ -104,11 +107,11 @@ def test_gas_on_ranks_has_the_bits_of_one(edges, make, closed):
     disc = part_of(begun, cells)
     lost = viscous_steps(disc)
     parts = [out[rank][0] for rank in range(messages.size)]
-    for name in ("mass", "vel", "acc") + (() if disc.u is None else ("u", "rate")):
+    for name in ("mass", "vel", "acc", "small") + (() if disc.u is None else ("u", "rate")):
         np.testing.assert_array_equal(np.concatenate([getattr(each, name) for each in parts]), getattr(disc, name))
     assert min(each.limit for each in parts) == disc.limit
     np.testing.assert_array_equal(sum(out[rank][1] for rank in out), lost)
-    assert (lost[:, 0] != 0.0).all() == (not closed)
+    assert (lost[:, 0] != 0.0).all() == (lost[:, 4] != 0.0).all() == (not closed)
 
 
 def divided(number, rank=0, **gas):

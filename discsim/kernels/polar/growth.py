@@ -42,7 +42,6 @@ def gather(first, last, pos, places, carriers, grown, geometry, field):
     grown (rings, angles): surface density G_i of eq. (2).
     """
     rings, angles = grown.shape
-    width = math.log(geometry.sides[rings] / geometry.sides[0]) / rings
     sums = np.zeros(FAR + 1)
     for g in range(first, last):
         for k in range(COLUMNS):
@@ -58,7 +57,7 @@ def gather(first, last, pos, places, carriers, grown, geometry, field):
             for b in range(3):
                 j = near_column(places.column[g], b, angles)
                 dx, dy = geometry.radius[i] * geometry.cos[j] - x, geometry.radius[i] * geometry.sin[j] - y
-                w, steep = across[a] * along[b], slope[a] * along[b] / width
+                w, steep = across[a] * along[b], slope[a] * along[b] / places.width
                 small = w * per_area * carriers.small[i, j]
                 add_cell_moments(MOMENTS_OF_SMALL, small, dx, dy, sums)
                 add_cell_moments(MOMENTS_OF_GAS, w * per_area * carriers.gas[i, j], dx, dy, sums)

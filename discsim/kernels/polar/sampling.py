@@ -28,6 +28,7 @@ class PolarPlaces(NamedTuple):
     ring: np.ndarray  # (n,): ring of each grain; -1 beyond the edges of the grid
     column: np.ndarray  # (n,): cell in the ring
     offset: np.ndarray  # (n, 2): s and t of eq. (1)
+    width: float  # of a ring in ln r
 
 
 class SortedGrains(NamedTuple):
@@ -38,8 +39,8 @@ class SortedGrains(NamedTuple):
 
 
 @jit_no_alloc
-def find_places(first, last, pos, inner, rings_per_log, rings, angle, angles, places, cell):
-    """Write the places of grains at `pos` (n, 2), and their cells in `cell` (n,): rings * angles beyond the edges.
+def find_places(first, last, pos, inner, rings_per_log, rings, angle, angles, places):
+    """Write the places of grains at `pos` (n, 2).
 
     inner: radius of the inner edge. rings_per_log: rings per unit of ln r. angle: width of a cell.
     """
@@ -50,7 +51,6 @@ def find_places(first, last, pos, inner, rings_per_log, rings, angle, angles, pl
         if not 0.0 <= radial < rings:
             places.ring[i], places.column[i] = -1, 0
             places.offset[i, 0], places.offset[i, 1] = 0.0, 0.0
-            cell[i] = rings * angles
             continue
         around = math.atan2(y, x) / angle
         if around < 0.0:
@@ -59,7 +59,6 @@ def find_places(first, last, pos, inner, rings_per_log, rings, angle, angles, pl
         places.offset[i, 0], places.offset[i, 1] = radial - ring - 0.5, around - column - 0.5
         column = column if column < angles else 0
         places.ring[i], places.column[i] = ring, column
-        cell[i] = ring * angles + column
 
 
 @inline_jit
@@ -105,7 +104,7 @@ def sample(first, last, pos, places, mass, speed2, geometry, field):
     mass, speed2 (rings, angles): mass and c^2 of the cells. The length is the root of the area of a cell.
     """
     rings, angles = mass.shape
-    width = math.log(geometry.sides[rings] / geometry.sides[0]) / rings
+    width = places.width
     for g in range(first, last):
         for column in range(field.shape[1]):
             field[g, column] = 0.0

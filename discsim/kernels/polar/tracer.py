@@ -49,10 +49,11 @@ def fill_share_ghosts(share):
 
 
 @jit
-def carry_radially(first, last, share, before, after, passed, geometry, new):
+def carry_radially(first, last, share, before, after, passed, swept, geometry, new):
     """Write the shares of the rings `first` to `last` after a radial sweep, and return what leaves the edges (2,).
 
     share (rings + 4, angles): before the sweep, with ghosts. before, after (rings + 4, angles): surface densities.
+    swept: result of `transport.find_swept`, which has the signs of `passed.part` at the next sides too.
     """
     angles, rings = share.shape[1], len(geometry.radius)
     sides, flux, lost = np.zeros((2, 2, angles)), np.zeros((2, angles)), np.zeros(2)
@@ -68,7 +69,7 @@ def carry_radially(first, last, share, before, after, passed, geometry, new):
                 flux[now, j] = 0.0
                 continue
             k, which = (side - 1, old) if y > 0.0 else (side, now)
-            twice = passed.part[side - 1, j] < 0.0 if y > 0.0 else passed.part[side + 1, j] > 0.0
+            twice = swept[side - 1, j] < 0.0 if y > 0.0 else swept[side + 1, j] > 0.0
             held = before[k + GHOSTS, j] * geometry.volume[k]
             flux[now, j] = mass * carried_share(
                 sides[which, 0, j], sides[which, 1, j], share[k + GHOSTS, j], y, mass, held, twice

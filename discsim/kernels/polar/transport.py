@@ -258,8 +258,9 @@ def add_leaving(flux, sign, r, geometry, lost):
 def sweep_radially(first, last, fields, swept, geometry, new, passed):
     """Write the fields of the rings `first` to `last` after a radial sweep; return what leaves the edges.
 
-    swept (rings + 1, angles): result of `find_swept`. passed: `tracer.Passed`, written if it has entries. The result
-    (2, 4): mass, momentum along x and y, and angular momentum that leave through the inner and the outer edge.
+    swept (rings + 1, angles): result of `find_swept`. passed: `tracer.Passed`, written if it has entries; chunks on
+    both sides of a side write the same values. The result (2, 4): mass, momentum along x and y, and angular momentum
+    that leave through the inner and the outer edge.
     """
     count, angles, rings = len(fields), fields.shape[2], len(geometry.radius)
     cells = np.zeros((2, 3, count, angles))  # of two rings: lower sides, upper sides and means of the fields
@@ -277,7 +278,7 @@ def sweep_radially(first, last, fields, swept, geometry, new, passed):
         limit_swept(side, swept, limited)
         volumes = geometry.volume[max(side - 1, 0)], geometry.volume[min(side, rings - 1)]
         carry_through(limited, volumes, behind, ahead, 0, flux[now])
-        if len(passed.shift) > 0 and (side < last or side == rings):
+        if len(passed.shift) > 0:
             for j in range(angles):
                 passed.mass[side, j], passed.part[side, j] = flux[now, MASS, j], limited[j]
         if side > first:
