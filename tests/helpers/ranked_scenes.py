@@ -96,19 +96,18 @@ def from_patch(folder):
 
 
 def from_patch_in_rings(folder):
-    """Few grains, all in one place, that grow and diffuse in gas on a polar grid."""
-    random, path, source = np.random.default_rng(6), folder / "snapshot.h5", changed(RINGS, GROWING)
+    """Few grains, all in one place, that grow and diffuse in gas of few rings: of many ranks some have nothing."""
+    random, path = np.random.default_rng(6), folder / "snapshot.h5"
+    few = {"gas": {"particles": 300, "grid": {"rings": 5}}, "dust_diffusion": {"alpha": 0.02}}
+    source = changed(RINGS, GROWING | few)
     gas = Simulation(source).gas
     pos = [0.1, 1.3] + 0.2 * random.random((60, 2))
     vel = np.stack([-pos[:, 1], pos[:, 0]], axis=1) * 1.3**0.5 / np.linalg.norm(pos, axis=1)[:, None] ** 1.5
     given = {"dust": {"pos": pos, "vel": vel, "mass": np.full(60, 1e-6)}}
     given["gas"] = {name: getattr(gas, name) for name in ("pos", "vel", "mass", "small")}
     put_out(Simulation(source, given), path)
-    started = {"kind": "snapshot", "file": str(path)}
-    growth = GROWING["growth"] | {"small_ratio": None}
-    return changed(RINGS, GROWING | {"growth": without_nothing(growth), "dust_diffusion": {"alpha": 0.02}}) | {
-        "initial": started
-    }
+    growth = without_nothing(GROWING["growth"] | {"small_ratio": None})
+    return source | {"initial": {"kind": "snapshot", "file": str(path)}, "growth": growth}
 
 
 def of_files(make, steps=3):
