@@ -38,6 +38,7 @@ from rich.table import Table
 from script_helpers import BLUE, GREEN, RED, some_of, warm_up, write_csv
 
 from discsim import Simulation, load_scene
+from discsim.output.drawing import set_log_ticks
 from discsim.scene import Scene
 from discsim.shipped import setup as shipped
 from discsim.study.errors import RINGS, binned_masses, profile_errors
@@ -148,6 +149,8 @@ def draw_setup(panels: Sequence[Axes], runs: Sequence[dict[str, Any]], floor: di
     for axes, kind in zip(panels[2:], ("gas", "dust"), strict=True):
         axes.axhline(floor[kind], color="0.6", ls=":")
         axes.set(ylabel=f"{kind} at wrong radii", xlabel="CPU time [s]")
+        for axis in (axes.xaxis, axes.yaxis):
+            set_log_ticks(axis, *axis.get_view_interval(), most=4)
         axes.grid(alpha=0.3)
 
 
