@@ -82,10 +82,8 @@ class Equilibrium:
 
     def __init__(self, state: State, effects: dict[str, Any]) -> None:
         self.scene, self.effects = state.scene, effects
-        self.gravity = mean_gravity(state, effects)
         self.pressure: Callable[[Array], Array] | None = None
-        if "gas" in effects:
-            self.pressure = effects["gas"].pressure_push(state, self.gravity)
+        self.gravity = mean_gravity(state, effects)
         self.has_small_dust = "growth" in effects and growth.gas_mass_includes_small_dust(state.scene)
         self.drifts = "drag" in effects and getattr(self.scene.initial, "dust_velocity", None) != "balance"
 
@@ -208,6 +206,8 @@ def settle(state: State, effects: dict[str, Any]) -> None:
     species.
     """
     equilibrium = Equilibrium(state, effects)
+    if "gas" in effects:
+        equilibrium.pressure = effects["gas"].pressure_push(state, equilibrium.gravity)
     set_velocities(equilibrium, state.species)
     if state.scene.model.given is None:
         for name in state.species:

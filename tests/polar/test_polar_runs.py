@@ -248,11 +248,11 @@ def test_damping_stops_waves_at_the_edges():
 
 
 def test_damping_leaves_a_disc_in_balance():
-    """v* of the zones has the pressure force of the cells, and is rotated as the velocities before and after a drift."""
+    """v* of the zones is rotated as the velocities before and after a drift are."""
     sim = Simulation(changed(DISC, damping={"inner": [0.6, 0.75], "outer": [1.25, 1.5]}))
     sim.run(6.0)
     _, radial, _ = polar(sim.gas)
-    assert np.abs(radial / sim.gas.sound_speed).max() < 1e-7  # v* is interpolated
+    assert np.abs(radial / sim.gas.sound_speed).max() < 2e-5  # discrete and exact pressure forces differ by 1e-4
 
 
 def test_zones_sustain_a_viscous_inflow():
