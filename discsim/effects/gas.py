@@ -230,7 +230,7 @@ class Effect(base.Effect):
         if predicted is None:
             return np.inf
         (vel, u), acc = predicted, gas.acc_unshared
-        self.find_pressure(view, u)
+        self.set_pressure(view, u)
         if gas.nu is not None:
             self.find_viscosity(view)
         if gas.heating_rate is not None:
@@ -255,7 +255,7 @@ class Effect(base.Effect):
         mass = view.central_mass if self.scene.star is not None else None
         fill(gas.nu, lambda piece: viscosity.diffusivity(self.scene, radius(pos[piece]), speed[piece], mass))
 
-    def find_pressure(self, view: State | base.View, u: np.ndarray | None) -> None:
+    def set_pressure(self, view: State | base.View, u: np.ndarray | None) -> None:
         """Set pressure and sound speed of the gas; u (n,): specific energies, or None."""
         gas, pos = view.gas, view.from_centre(view.gas.pos)
         out = gas.pressure, gas.sound_speed

@@ -317,7 +317,7 @@ class Gas(gas.Effect):
         `cells.find_velocities`.
         """
         p, cells = view.gas, self.cells
-        self.find_pressure(view, u)
+        self.set_pressure(view, u)
         limit = cells.accelerate(p.density, p.pressure, p.sound_speed, self.stiff, acc, p.heating_rate)
         if p.nu is not None:
             self.find_viscosity(view)
