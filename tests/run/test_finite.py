@@ -69,6 +69,7 @@ def told(sim, species, field, value, running):
 def test_the_particle_that_was_spoilt_is_named(case):
     """Every field of both species, NaN and infinite."""
     for species in {"gas", "dust"} & CASES[case].keys():
+        element = "cell" if (case, species) == ("cells", "gas") else "particle"
         for field in ("pos", "vel", "mass", "u", "h"):
             for value, running in ((np.nan, False), (-np.inf, True)):
                 sim = Simulation(CASES[case])
@@ -76,7 +77,8 @@ def test_the_particle_that_was_spoilt_is_named(case):
                 if getattr(getattr(sim, species), field, None) is None:
                     continue
                 number, message = told(sim, species, field, value, running)
-                assert message.startswith(f"{species} particle {number} is not finite in its {field} before the step (")
+                start = f"{species} {element} {number} is not finite in its {field} before the step ("
+                assert message.startswith(start)
                 assert f"; step {1 + running})" in message
 
 
