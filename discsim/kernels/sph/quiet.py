@@ -8,9 +8,10 @@ import math
 
 import numpy as np
 
-from discsim.jit.decorators import jit
+from discsim.jit.decorators import inline_jit, jit
 
 MASS, NUMBER, FIRST, SECOND = range(4)  # rows of ring sums: mass, number, ln(r P / c_s^2) and the square of this ln
+MASS_X, MASS_Y, LOG_X, LOG_Y = range(4)  # rows of pattern sums: m e and m l e, e the direction of a particle
 # Gas that is compressed at a rate above (ONSET / 2) c_s/h is in a shock; the strength of the shock, from 0 to 1, is 1
 # above ((ONSET + 1) / 2) c_s/h. In a shock the followed density relaxes to the SPH density at the rate FAST c_s/h times
 # this strength. Behind the shock the strength decays over LASTING h/c_s.
@@ -45,6 +46,13 @@ def follow_density(
         followed[i], divergence[i], shock[i], updated[i] = new, div, strength, time
 
 
+@inline_jit
+def ring_weight(at, ring):
+    """Return the TSC weight of a particle at the ring coordinate `at` in a ring at most one from the nearest."""
+    d = abs(at - ring)
+    return 0.75 - d * d if d <= 0.5 else 0.5 * (1.5 - d) ** 2
+
+
 @jit
 def ring_sums(first, last, count, at, mass, pressure_per_c2, radius, units):
     """Return four sums (4, count) over the particles of each of `count` rings, as integers.
@@ -57,14 +65,33 @@ def ring_sums(first, last, count, at, mass, pressure_per_c2, radius, units):
     """
     rings = np.zeros((4, count), np.int64)
     for i in range(first, last):
+        middle, value = math.floor(at[i] + 0.5), math.log(pressure_per_c2[i] * radius[i])
+        for k in range(middle - 1, middle + 2):
+            weight = ring_weight(at[i], k)
+            rings[MASS, k] += np.int64(weight * mass[i] * units[MASS])
+            rings[NUMBER, k] += np.int64(weight * units[NUMBER])
+            rings[FIRST, k] += np.int64(weight * value * units[FIRST])
+            rings[SECOND, k] += np.int64(weight * value * value * units[SECOND])
+    return rings
+
+
+@jit
+def pattern_sums(first, last, count, at, mass, direction, deviation, units):
+    """Return sums (4, count) of m e and m l e over the particles of each of `count` rings, as integers.
+
+    at, mass, units: as in `ring_sums`. direction (n, 2): unit vectors e from the centre. deviation (n,): l, the
+    logarithm of r P / c_s^2 minus its mean in the ring.
+    """
+    rings = np.zeros((4, count), np.int64)
+    for i in range(first, last):
         middle = math.floor(at[i] + 0.5)
-        d, value = at[i] - middle, math.log(pressure_per_c2[i] * radius[i])
-        for k in range(-1, 2):
-            weight = 0.75 - d * d if k == 0 else 0.5 * (0.5 + k * d) ** 2
-            rings[MASS, middle + k] += np.int64(weight * mass[i] * units[MASS])
-            rings[NUMBER, middle + k] += np.int64(weight * units[NUMBER])
-            rings[FIRST, middle + k] += np.int64(weight * value * units[FIRST])
-            rings[SECOND, middle + k] += np.int64(weight * value * value * units[SECOND])
+        for k in range(middle - 1, middle + 2):
+            x = ring_weight(at[i], k) * mass[i] * direction[i, 0]
+            y = ring_weight(at[i], k) * mass[i] * direction[i, 1]
+            rings[MASS_X, k] += np.int64(x * units[MASS_X])
+            rings[MASS_Y, k] += np.int64(y * units[MASS_Y])
+            rings[LOG_X, k] += np.int64(x * deviation[i] * units[LOG_X])
+            rings[LOG_Y, k] += np.int64(y * deviation[i] * units[LOG_Y])
     return rings
 
 
