@@ -27,13 +27,15 @@ up to 25% above it. In rings with little scatter, drag and snapshots use a densi
 
     rho' = rho (r Sigma(r) / exp<ln r rho>)^max(0, 1 - 4 sigma)                                             (4)
 
-In each step the density of a ring also takes the m = 1 pattern of its mass. It is multiplied by
+In a disc with self-gravity the density of a ring also takes the m = 1 pattern of its mass. In each step it is
+multiplied by
 
     exp(share n^2 / (n^2 + 300^2) Re [2 <(1 - l) exp(i phi)> exp(-i phi)]),   l = ln r rho - <ln r rho>     (6)
 
 with means over the mass of the ring. An eccentric pattern in a disc about a star stays in place for many orbits, and
 errors of eq. (1) add up in it: without eq. (6) the pattern of the density has half of the amplitude of that of the
-mass, and a phase that differs by 40 to 60 degrees. Eccentric modes of discs with self-gravity then grow.
+mass, and a phase that differs by 40 to 60 degrees. Eccentric modes of discs with self-gravity then grow. Without
+self-gravity they decay, and the noise in the pattern of the mass would only double the random motion of the gas.
 
 The mean pressure of a periodic plane has no gradient. The density of the plane is the summed one, and
 
@@ -75,6 +77,8 @@ Array = np.ndarray
 WIDTH = 0.4  # width of a ring in H
 SPARSE = 30.0  # number of particles in a ring at which B is half of its largest value, eq. (2)
 UNEVEN = 4.0  # factor of the scatter in eq. (4): rho' = rho if the scatter is at least 1 / UNEVEN
+SMOOTHED = 2  # times that sums over rings are smoothed
+MORE = 6  # the same for patterns, in addition: alpha of the noise is 2e-4, and 3e-4 without
 CROWDED = 300.0  # number of particles in a ring at which half of its pattern is that of the mass, eq. (6)
 MAX_RINGS = 1 << 14
 TINY, MAX_LOG_RADIUS = 1e-300, 200.0  # MAX_LOG_RADIUS: largest |ln(r / reference)|, so that areas of rings are finite
@@ -165,7 +169,8 @@ class QuietDisc:
     def pair_pressure(self, state: View) -> tuple[Array, Array, Array]:
         """Return P - B (n,), the acceleration -grad B / rho (n, 2) of eq. (3), and rho' / rho (n,) of eq. (4).
 
-        The followed density first takes the pattern of eq. (6), and `gas.pressure` is rescaled in proportion.
+        With self-gravity the followed density first takes the pattern of eq. (6), and `gas.pressure` is rescaled in
+        proportion.
         """
         gas, pos = state.gas, state.from_centre(state.gas.pos)
         r = np.maximum(np.sqrt((pos**2).sum(axis=1)), TINY)
@@ -173,7 +178,8 @@ class QuietDisc:
         first, count = _ring_range(coordinate)
         at = np.clip(coordinate - first, 2.0, count - 3.0)
         rings = self._rings(state, at, r, first, count)
-        self._take_pattern(gas, pos / r[:, None], r, at, rings)
+        if self.scene.self_gravity is not None:
+            self._take_pattern(gas, pos / r[:, None], r, at, rings)
         pressure, acc = copied(gas.pressure), np.zeros_like(pos)
         stretch = (r / self.reference) ** -self.flaring / (self.width * r * r)  # d(at)/dr over r
         parallel_for(
@@ -208,7 +214,7 @@ class QuietDisc:
         log = float(np.abs(np.log(density * r)).max(initial=0.0))
         units = _integer_units(gas, [mass.max(initial=0.0), 1.0, log, log * log])
         found = parallel_for(kernels.ring_sums, gas.count, count, at, mass, density, r, units, light=True)
-        sums = _smooth_sums(found, units)
+        sums = _smoothed(world.processes.sum(sum(found)) / units[:, None], SMOOTHED)
         number, radius = np.maximum(sums[NUMBER], TINY), self._ring_radii(first + np.arange(count))
         area = 2.0 * np.pi * self.width * radius**2 * (radius / self.reference) ** self.flaring
         mean, sigma = sums[FIRST] / number, sums[MASS] / area
@@ -230,9 +236,9 @@ class QuietDisc:
         found = parallel_for(
             kernels.pattern_sums, gas.count, len(indices), at, mass, direction, deviation, units, light=True
         )
-        sums = _smooth_sums(found, units)
-        number2 = rings.number**2
-        weight = 2.0 * self.keys.share * number2 / (number2 + CROWDED**2) / np.maximum(rings.mass, TINY)
+        sums = _smoothed(world.processes.sum(sum(found)) / units[:, None], SMOOTHED + MORE)
+        mass_of_rings, number = _smoothed(np.stack([rings.mass, rings.number]), MORE)
+        weight = 2.0 * self.keys.share * number**2 / (number**2 + CROWDED**2) / np.maximum(mass_of_rings, TINY)
         x, y = weight * (sums[MASS_X] - sums[LOG_X]), weight * (sums[MASS_Y] - sums[LOG_Y])
         factor = np.exp(np.interp(at, indices, x) * direction[:, 0] + np.interp(at, indices, y) * direction[:, 1])
         gas.followed *= factor
@@ -255,10 +261,10 @@ def _integer_units(gas: Gas, most: Any) -> Array:
     return 2.0 ** (BITS - np.ceil(np.log2(gas.global_count + 1.0)) - np.frexp(largest)[1])
 
 
-def _smooth_sums(found: list[Array], units: Array) -> Array:
-    """Return the total of the integer sums (k, count) of all threads and processes, smoothed twice over the rings."""
-    sums = world.processes.sum(sum(found)) / units[:, None]
-    for _ in range(2):
+def _smoothed(sums: Array, times: int) -> Array:
+    """Return sums over rings (k, count), smoothed `times` times over neighbouring rings."""
+    sums = sums.copy()
+    for _ in range(times):
         sums[:, 1:-1] = 0.25 * (sums[:, :-2] + 2.0 * sums[:, 1:-1] + sums[:, 2:])
     return sums
 
