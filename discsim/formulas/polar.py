@@ -26,6 +26,11 @@ def ring_sides(rings: int, inner: float, outer: float, ghosts: int = 0) -> np.nd
     return sides
 
 
+def centroid_azimuths(angles: int) -> np.ndarray:
+    """Return the azimuths (angles,) of the centroids of the cells in a ring."""
+    return (np.arange(angles) + 0.5) * (2.0 * np.pi / angles)
+
+
 class PolarShape(NamedTuple):
     """Polar grid: numbers of rings and of cells in a ring, radii of the edges, and whether the edges are closed."""
 
@@ -54,7 +59,7 @@ class PolarShape(NamedTuple):
         sides, angle = ring_sides(self.rings, self.inner, self.outer), 2.0 * np.pi / self.angles
         low, high = sides[:-1], sides[1:]
         radius = (high**2 + high * low + low**2) / (1.5 * (high + low))
-        return radius, (np.arange(self.angles) + 0.5) * angle, 0.5 * angle * (high - low) * (high + low)
+        return radius, centroid_azimuths(self.angles), 0.5 * angle * (high - low) * (high + low)
 
     def mass_in_rings(self, mass: np.ndarray, edges: np.ndarray) -> np.ndarray:
         """Return the mass in rings between the radii `edges` (n + 1,), which divide cells with uniform density.

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from discsim.formulas.polar import ring_sides
+from discsim.formulas.polar import centroid_azimuths, ring_sides
 from discsim.kernels.polar import forces, sampling, tracer, transport, viscosity
 from discsim.kernels.polar.geometry import DENSITY, ENERGY, GHOSTS, Geometry, fill_force_ghosts, fill_ghosts
 from discsim.kernels.polar.parabola import side_coefficients
@@ -40,16 +40,11 @@ def geometry_of(rings: int, angles: int, inner: float, outer: float, closed: boo
     # Centroid (r_o^3 - r_i^3) / (3 volume), without a difference of cubes.
     low, high = sides[:-1], sides[1:]
     radius = (high - low) * (high * high + high * low + low * low) / (3.0 * volume)
-    azimuth = _azimuth(angles)
+    azimuth = centroid_azimuths(angles)
     return Geometry(
         sides[GHOSTS : rings + GHOSTS + 1].copy(), radius[own].copy(), volume[own].copy(), 2.0 * math.pi / angles,
         side_coefficients(volume), np.cos(azimuth), np.sin(azimuth), closed, 0,
     )  # fmt: skip
-
-
-def _azimuth(angles: int) -> Array:
-    """Return the azimuths (angles,) of the centroids in a ring."""
-    return (np.arange(angles) + 0.5) * (2.0 * math.pi / angles)
 
 
 def rings_of(geometry: Geometry, begin: int, end: int, first: int) -> Geometry:
@@ -78,7 +73,7 @@ class PolarCells:
     """
 
     def __init__(self, rings: int, angles: int, inner: float, outer: float, closed: bool) -> None:
-        self.angles, self.azimuth = angles, _azimuth(angles)
+        self.angles, self.azimuth = angles, centroid_azimuths(angles)
         self.set_rings(geometry_of(rings, angles, inner, outer, closed), rings)
 
     def set_rings(self, geometry: Geometry, own: int) -> None:
