@@ -26,7 +26,7 @@ from discsim.numerics.state import State
 from discsim.numerics.threads import parallel_for
 from discsim.parts import EOS, SCHEMES, Lazy
 from discsim.physics import profile, viscosity
-from discsim.physics.polar import cell_areas, polar_shape
+from discsim.physics.polar import cell_areas, cell_sides, polar_shape
 from discsim.scene.rules import Draft, Problem, quoted, starts_where
 
 if TYPE_CHECKING:
@@ -215,7 +215,7 @@ class Gas(gas.Effect):
         at = outlook.at
         if at.h is None or at.sound_speed is None:
             return base.Expected()
-        side, ratio = at.h / scene.gas.eta, polar_shape(scene).elongation
+        side, ratio = cell_sides(scene, at.h), polar_shape(scene).elongation
         return at.smallest(side / (np.sqrt(ratio + 1.0 / ratio) * at.sound_speed))  # of c_s |(1/dr, 1/(r dphi))|
 
     def pressure_push(self, state: State, gravity: Profile) -> Profile | None:
@@ -423,7 +423,7 @@ class Viscosity(alpha_viscosity.Effect):
         if nu is None:
             return base.Expected()
         with np.errstate(divide="ignore"):
-            return at.smallest(_viscous_step(scene) * (at.h / scene.gas.eta) ** 2 / nu)
+            return at.smallest(_viscous_step(scene) * cell_sides(scene, at.h) ** 2 / nu)
 
     def limit(self, view: base.View) -> dict[str, base.Limit]:
         p = view.gas

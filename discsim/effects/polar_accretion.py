@@ -24,6 +24,7 @@ from discsim.numerics import world
 from discsim.numerics.threads import parallel_for
 from discsim.numerics.totals import total
 from discsim.parts import Lazy
+from discsim.physics.polar import cell_sides
 
 if TYPE_CHECKING:
     from discsim.numerics.bodies import Bodies
@@ -46,7 +47,7 @@ class Companion(companion.Effect):
             super()._accrete(state, k, name, position)
             return
         p, scene = state.gas, self.scene
-        radius, sides = self.companions[k].accretion_radius, p.h / scene.gas.eta
+        radius, sides = self.companions[k].accretion_radius, cell_sides(scene, p.h)
         reach = radius + 0.5 * float(sides.max(initial=0.0))
         found = parallel_for(kernels.split_by_radius, p.count, p.pos, reach**2, *position)
         rows = np.concatenate([inside for _, inside in found])

@@ -27,6 +27,11 @@ def polar_shape(scene: Scene) -> PolarShape:
     return PolarShape(rings, angle_count(scene.gas.particles, rings), inner, outer, closed)
 
 
+def cell_sides(scene: Scene, h: np.ndarray) -> np.ndarray:
+    """Return the sides (n,) of cells with the smoothing lengths `h` (n,), which are `gas.eta` times the sides."""
+    return h / scene.gas.eta
+
+
 def cell_areas(scene: Scene, gas: Gas) -> np.ndarray:
-    """Return the areas (n,) of the cells of a polar grid, whose smoothing length is `gas.eta` times their side."""
-    return (gas.h / scene.gas.eta) ** 2
+    """Return the areas (n,) of the cells of a polar grid."""
+    return cell_sides(scene, gas.h) ** 2
