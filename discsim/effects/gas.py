@@ -128,7 +128,7 @@ def _resolution_warnings(scene: Scene, at: base.GasSamples) -> Iterator[str]:
         )
 
 
-def _timestep_warnings(scene: Scene, at: base.GasSamples) -> Iterator[str]:
+def timestep_warnings(scene: Scene, at: base.GasSamples) -> Iterator[str]:
     """Yield a warning of a run.timestep beyond the step limit of the gas."""
     dt = scene.run.timestep
     if dt is None or at.step is None:
@@ -165,7 +165,7 @@ class Effect(base.Effect):
 
     @classmethod
     def report(cls, scene: Scene, at: base.GasSamples) -> base.Report:
-        return base.Report(warnings=chain(_resolution_warnings(scene, at), _timestep_warnings(scene, at)))
+        return base.Report(warnings=chain(_resolution_warnings(scene, at), timestep_warnings(scene, at)))
 
     @classmethod
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:

@@ -13,6 +13,7 @@ mean rotation of a ring the step is not limited. Gas that leaves an open edge is
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import chain
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -26,7 +27,8 @@ from discsim.numerics.state import State
 from discsim.numerics.threads import parallel_for
 from discsim.parts import EOS, SCHEMES, Lazy
 from discsim.physics import profile, viscosity
-from discsim.physics.polar import cell_areas, cell_sides, polar_shape
+from discsim.physics.local import longest_step
+from discsim.physics.polar import polar_shape
 from discsim.scene.rules import Draft, Problem, quoted, starts_where
 
 if TYPE_CHECKING:
@@ -40,7 +42,6 @@ growth = Lazy("discsim.physics.growth")
 CELL_COST, HEAT_COST, VISCOUS_COST = 180.0, 120.0, 60.0  # CPU nanoseconds in a step, per cell
 UNSTABLE = 1.5  # step of growing sound waves, over the step limit
 MAX_PUSH = 0.5  # largest pressure force over gravity in the initial balance, as at sharp edges
-VISCOUS_STEP = 0.25  # viscous step limit in (shorter side)^2 / nu
 LEAST_CELLS = MIN_RINGS * MIN_ANGLES  # smallest number of cells
 THINNEST = 1e-6  # smallest (outer - inner) / inner of a grid
 ELONGATED = 3.0  # smallest ratio of the sides of cells for a warning
@@ -203,7 +204,7 @@ class Gas(gas.Effect):
         rows = [("polar grid", f"{shape.rings} rings of {shape.angles} cells, from {' to '.join(ends)}")]
         if at.radius is not None and at.scale_height is not None:
             rows.append(("cells in H", ", ".join(f"{n:.3g}" for n in at.scale_height / shape.side(at.radius))))
-        return base.Report(rows, _resolution_warnings(scene, at))
+        return base.Report(rows, chain(_resolution_warnings(scene, at), gas.timestep_warnings(scene, at)))
 
     @classmethod
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
@@ -215,8 +216,7 @@ class Gas(gas.Effect):
         at = outlook.at
         if at.h is None or at.sound_speed is None:
             return base.Expected()
-        side, ratio = cell_sides(scene, at.h), polar_shape(scene).elongation
-        return at.smallest(side / (np.sqrt(ratio + 1.0 / ratio) * at.sound_speed))  # of c_s |(1/dr, 1/(r dphi))|
+        return at.smallest(longest_step(scene, at.h, at.sound_speed))
 
     def pressure_push(self, state: State, gravity: Profile) -> Profile | None:
         """Return the initial outward acceleration of gas by the pressure force of the cells, as a function of radii.
@@ -416,25 +416,9 @@ class Viscosity(alpha_viscosity.Effect):
     def nanoseconds(cls, scene: Scene, counts: base.Counts) -> float:
         return VISCOUS_COST * counts.gas
 
-    @classmethod
-    def expected_limit(cls, scene: Scene, outlook: base.ForecastState) -> base.Expected:
-        at = outlook.at
-        nu = None if at.h is None else viscosity.diffusivity_at(scene, at.radius, at.thermal_speed, at.h)
-        if nu is None:
-            return base.Expected()
-        with np.errstate(divide="ignore"):
-            return at.smallest(_viscous_step(scene) * cell_sides(scene, at.h) ** 2 / nu)
-
     def limit(self, view: base.View) -> dict[str, base.Limit]:
         p = view.gas
         if p.count == 0:
             return {}
-        with np.errstate(divide="ignore"):
-            step = float((_viscous_step(view.scene) * cell_areas(view.scene, p) / p.nu).min())
+        step = float(viscosity.longest_step(view.scene, p.nu, p.h).min())
         return {"gas": base.Limit(step, UNSTABLE * step)}
-
-
-def _viscous_step(scene: Scene) -> float:
-    """Return the viscous step limit of a polar grid in (area of a cell) / nu."""
-    ratio = polar_shape(scene).elongation
-    return VISCOUS_STEP * min(ratio, 1.0 / ratio)  # the shorter side, squared

@@ -10,9 +10,12 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from discsim.formulas.smoothing import SMOOTHING
+from discsim.parts import Lazy
 
 if TYPE_CHECKING:
     from discsim.scene import Scene
+
+polar = Lazy("discsim.physics.polar")
 
 Array = np.ndarray
 
@@ -26,11 +29,14 @@ def resolution(scene: Scene, h: Array) -> Array:
 
 
 def longest_step(scene: Scene, h: Array, sound_speed: Array, closing: Array | float = 0.0) -> Array:
-    """Return the time-step limit (n,) of the gas before the Courant factor (`effects/gas.py`).
+    """Return the time-step limit (n,) of the gas before the Courant factor (`effects/gas.py`, `effects/polar.py`).
 
     h (n,): smoothing length as the kernel defines it. sound_speed (n,): sound speed. closing: -div v of converging
-    gas, (n,) or one number; 0 for other gas.
+    SPH gas, (n,) or one number; 0 for other gas.
     """
+    if scene.model.polar:
+        found: Array = polar.longest_step(scene, h, sound_speed)
+        return found
     viscosity = scene.gas.viscosity if scene.gas else None
     signal, rate = (viscosity.signal, viscosity.closing) if viscosity else (1.0, 1.0)
     return 1.0 / (sound_speed * signal / resolution(scene, h) + rate * closing)

@@ -1,4 +1,4 @@
-"""Polar grid of a scene's gas (`gas.method = "grid"`): edges, numbers of rings and cells. Numpy only."""
+"""Polar grid of a scene's gas (`gas.method = "grid"`): edges, rings, cells and their step limits. Numpy only."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ from discsim.parts import STARTS
 if TYPE_CHECKING:
     from discsim.numerics.state import Gas
     from discsim.scene import Scene
+
+VISCOUS_STEP = 0.25  # viscous step limit in (shorter side)^2 / nu
 
 
 def polar_shape(scene: Scene) -> PolarShape:
@@ -35,3 +37,20 @@ def cell_sides(scene: Scene, h: np.ndarray) -> np.ndarray:
 def cell_areas(scene: Scene, gas: Gas) -> np.ndarray:
     """Return the areas (n,) of the cells of a polar grid."""
     return cell_sides(scene, gas.h) ** 2
+
+
+def longest_step(scene: Scene, h: np.ndarray, sound_speed: np.ndarray) -> np.ndarray:
+    """Return the step limit (n,) of sound waves, 1 / (c_s |(1/dr, 1/(r dphi))|), in cells with smoothing length h (n,).
+
+    sound_speed (n,): sound speed.
+    """
+    ratio = polar_shape(scene).elongation
+    return cell_sides(scene, h) / (np.sqrt(ratio + 1.0 / ratio) * sound_speed)
+
+
+def longest_viscous_step(scene: Scene, nu: np.ndarray, h: np.ndarray) -> np.ndarray:
+    """Return the step limit (n,) of gas with viscosity nu (n,), in cells with smoothing length h (n,)."""
+    ratio = polar_shape(scene).elongation
+    shorter = min(ratio, 1.0 / ratio)  # shorter side squared, over the area
+    with np.errstate(divide="ignore"):
+        return VISCOUS_STEP * shorter * cell_sides(scene, h) ** 2 / nu

@@ -31,6 +31,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from discsim.formulas.smoothing import SMOOTHING
+from discsim.parts import Lazy
 from discsim.physics import profile
 from discsim.physics.centre import kepler_omega
 
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
     from discsim.physics.local import GasSamples
     from discsim.scene import Scene
 
+polar = Lazy("discsim.physics.polar")
 Array = np.ndarray
 STEP = 1e-4  # step in ln r of the fourth-order finite differences in (4)
 # Constant of the step limit 1 / (STEP_CONSTANT W(0, h) nu). Constants up to 22 are unstable on a lattice, and
@@ -112,7 +114,13 @@ def radial_flow(
 
 
 def longest_step(scene: Scene, nu: Array, h: Array) -> Array:
-    """Return the step limit (n,), 1 / (18 W(0, h) nu), of gas with viscosity nu (n,) and smoothing length h (n,)."""
+    """Return the step limit (n,) of gas with viscosity nu (n,) and smoothing length h (n,).
+
+    It is 1 / (18 W(0, h) nu) for SPH gas, and a fourth of (shorter side)^2 / nu in polar cells.
+    """
+    if scene.model.polar:
+        found: Array = polar.longest_viscous_step(scene, nu, h)
+        return found
     central = SMOOTHING[scene.gas.kernel].least_eta[1] ** 2  # W(0, h) h^2
     with np.errstate(divide="ignore"):
         return h * h / (STEP_CONSTANT * central * nu)

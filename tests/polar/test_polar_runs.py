@@ -1,7 +1,10 @@
 """Runs with gas on a polar grid: balance, drag, viscosity, companions, damping, bits, and messages."""
 
+import re
+
 import numpy as np
 import pytest
+from operating import longest_step_of
 from polar_cells import MASS, disc_scene, polar
 from runs import assert_resumes, on_threads, state_bits
 from scenes import changed, problems
@@ -487,6 +490,31 @@ def test_the_step_of_long_cells(rings):
     assert np.abs(radial - radial.mean(axis=1, keepdims=True)).max() < 1e-4
     assert expected == pytest.approx(sim.state.step, rel=0.25)  # the forecast has the edge, the run the first centroid
     assert any("times longer" in text for text in warnings(sim.scene))
+
+
+@pytest.mark.parametrize(
+    "gas, more, name",
+    [
+        ({"particles": 3100, "grid": {"rings": 7}}, {}, "gas"),  # cells long in radius
+        ({"particles": 3100, "grid": {"rings": 90, "edges": "closed"}}, {}, "gas"),  # and in azimuth
+        ({"particles": 900, **ADIABATIC}, {}, "gas"),
+        ({"particles": 700, "grid": {"rings": 8}}, {"alpha_viscosity": {"nu": 0.013}}, "alpha_viscosity"),
+    ],
+    ids=["long in radius", "long in azimuth", "adiabatic", "viscous"],
+)
+def test_a_fixed_step_beyond_the_limit_of_the_cells(gas, more, name):
+    """`check` has the limit of a run, at the inner edge; the run has it at the first centroid, up to 16% further."""
+    scene = changed(DISC, gas=DISC["gas"] | gas, **more)
+    sim = Simulation(scene)
+    sim.step(1e-6)
+    limit = longest_step_of(sim, name)
+    for factor, count in ((1.37, 1), (0.81, 0)):
+        fixed = load_scene(changed(scene, run=scene["run"] | {"timestep": factor * limit}))
+        found = [line for line in warnings(fixed) if "run.timestep" in line]
+        assert len(found) == count, found
+        if count:
+            times = float(re.search(r"is ([\d.]+) times the sound limit at 0.6: lower run.timestep", found[0])[1])
+            assert factor * 0.95 < times < factor * 1.2
 
 
 @pytest.mark.parametrize(
