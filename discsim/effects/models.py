@@ -49,7 +49,7 @@ class GasModel:
     start_gas: str | None = None
     sampler: str = "discsim.effects.sampling:SphSampler"
     division: str = "discsim.ranks.division:Division"
-    gas_bytes: tuple[float, float] = (600.0, 600.0)
+    gas_bytes: tuple[float, float] = (500.0, 700.0)  # measured for SPH in a disc with a planet (2026-11)
 
     @property
     def is_sph(self) -> bool:
