@@ -49,6 +49,7 @@ PLAIN_RANGE = (1e-4, 1e5)  # range of numbers that are written without a power o
 LEFT, RIGHT, BELOW, TITLE = 0.85, 0.25, 0.55, 0.9  # space left of, right of and below axes, and for titles
 COLUMN, MAP, ROW = 5.8, 3.9, 2.9  # pitch of maps, side of a map, pitch of profiles
 CLUMP = 30.0  # highest density on a colour scale over the median, so that a small clump does not set the scale
+EDGE = 0.08  # smallest distance of the label of a profile from the edge of the figure, in inches
 MIN_SIDE = 2.0  # smallest side, for text of the default size, to which the height of the style reduces maps, in inches
 BAR = (0.08, 0.2)  # distance and width of a colour bar
 LABEL_WIDTH = 0.5  # of a number at the ticks of a horizontal colour bar
@@ -125,6 +126,22 @@ def axes_at(figure: Figure, left: float, bottom: float, width: float, height: fl
     axes = figure.add_axes((left / across, bottom / up, width / across, height / up))
     axes.ticklabel_format(useOffset=False, scilimits=(-3, 4))  # keeps tick labels narrow
     return axes
+
+
+def fit_labels(panels: Sequence[Axes], space: float) -> None:
+    """Move the left edges of `panels` to the right, until numbers and label of each y axis take at most `space` inches.
+
+    All panels are moved by the same length. Numbers with powers of ten may take more space than LEFT.
+    """
+    wider = 0.0
+    for axes in panels:
+        label, dpi = axes.yaxis.get_tightbbox(), axes.figure.dpi
+        if label is not None:
+            wider = max(wider, (axes.bbox.x0 - label.x0) / dpi - space)
+    if wider > 0.0:
+        for axes in panels:
+            box, across = axes.get_position(), axes.figure.bbox.width / axes.figure.dpi
+            axes.set_position((box.x0 + wider / across, box.y0, box.width - wider / across, box.height))
 
 
 def common_norm(pictures: Iterable[Picture]) -> Normalize:

@@ -20,6 +20,7 @@ from discsim.output.drawing import (
     BELOW,
     COLOURS,
     COLUMN,
+    EDGE,
     LEFT,
     MAP,
     PIXELS,
@@ -33,6 +34,7 @@ from discsim.output.drawing import (
     common_norm,
     draw_picture,
     figure_text,
+    fit_labels,
     map_picture,
     points_1d,
     population_style,
@@ -55,6 +57,7 @@ from discsim.scene.populations import populations_of
 from discsim.version import __version__
 
 Array = np.ndarray
+DPI = 130  # pixels per inch
 
 
 def last_state_figure(snapshot_path: str | os.PathLike[str], out_png: str | os.PathLike[str]) -> None:
@@ -66,7 +69,7 @@ def last_state_figure(snapshot_path: str | os.PathLike[str], out_png: str | os.P
     FigureCanvasAgg(figure)
     low_compression = {"compress_level": 1}  # full compression takes as long as drawing
     origin = {"Software": f"discsim {__version__}", "Comment": snap.command, "Description": snap.scene_text}
-    figure.savefig(Path(out_png), dpi=130, metadata=origin, pil_kwargs=low_compression)
+    figure.savefig(Path(out_png), dpi=DPI, metadata=origin, pil_kwargs=low_compression)
 
 
 def _figure_2d(snap: Snapshot) -> Figure:
@@ -76,7 +79,7 @@ def _figure_2d(snap: Snapshot) -> Figure:
     rows = ROW * (2 if component else int(is_centred(snap)))  # space for profiles
     lower = BELOW + MAP + 0.4 if grains else 0.0  # space for the maps of grains
     width = COLUMN * max(len(kinds), len(grains)) + (0.6 if grains else 0.2)  # labels of less than a decade are wide
-    figure = Figure(figsize=(width, rows + lower + BELOW + MAP + TITLE))
+    figure = Figure(figsize=(width, rows + lower + BELOW + MAP + TITLE), dpi=DPI)
     window = default_window(snap)
     binned = fields_on_pixels(snap, window, PIXELS)
     for column, kind in enumerate(kinds):
@@ -90,7 +93,10 @@ def _figure_2d(snap: Snapshot) -> Figure:
     if component:
         _draw_radial(_row_axes(figure, 1), _row_axes(figure, 0), snap, component)
     elif is_centred(snap):
-        _draw_profile(_row_axes(figure, 0), snap, window[1][0] / 1.1)
+        profile = _row_axes(figure, 0)
+        _draw_profile(profile, snap, window[1][0] / 1.1)
+        FigureCanvasAgg(figure)  # measures texts
+        fit_labels([profile], LEFT - EDGE)
     return figure
 
 
@@ -197,7 +203,7 @@ def _draw_exact(above: Axes, below: Axes, snap: Snapshot, x: Array) -> None:
 
 def _figure_1d(snap: Snapshot) -> Figure:
     """Return the figure of a 1D snapshot: density and velocity of particles against x, with the exact solution."""
-    figure = Figure(figsize=(8, 7))
+    figure = Figure(figsize=(8, 7), dpi=DPI)
     height = (7.0 - BELOW - TITLE) / 2
     below = axes_at(figure, LEFT, BELOW, 8.0 - LEFT - RIGHT, height - 0.1)
     above = axes_at(figure, LEFT, BELOW + height, 8.0 - LEFT - RIGHT, height)

@@ -22,6 +22,7 @@ from discsim.output.drawing import (
     BELOW,
     COLOURS,
     COLUMN,
+    EDGE,
     LEFT,
     LINES,
     MAP,
@@ -37,6 +38,7 @@ from discsim.output.drawing import (
     draw_picture,
     draw_scale_bar,
     figure_text,
+    fit_labels,
     population_style,
 )  # fmt: skip
 from discsim.output.fields.base import PlotError
@@ -122,6 +124,8 @@ class PanelFigure:
             bottom = under + row * (down - 1 - number)
             for across, panel in enumerate(panels):
                 panel(axes_at(figure, left + pitch * across, bottom, side * self.width, side), below)
+        if is_profile:
+            fit_labels(figure.axes, left - EDGE * text)
         needed = max(curves.legend_height(axes, close) for axes in figure.axes)
         if needed > room:
             return self.figure(dpi, needed + 0.1 * text)

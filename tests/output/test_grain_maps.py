@@ -81,6 +81,22 @@ def test_the_figure_has_them(tmp_path):
     assert len(figure._figure_2d(plain).axes) < len(drawn.axes)
 
 
+@pytest.mark.parametrize("factor", [1.0, 1.3e-7])
+def test_the_label_of_the_profile_is_within_the_figure(tmp_path, monkeypatch, factor):
+    """Numbers like 2e-12, on an axis over less than two decades, are wider than others."""
+
+    def without_edges(snap, ends):
+        edges, binned = smooth_profile(snap, ends)
+        sigma = binned["dust.surface_density"]
+        return edges, {"dust.surface_density": np.maximum(sigma, 0.06 * sigma.max())}
+
+    monkeypatch.setattr(figure, "smooth_profile", without_edges)
+    axes = figure._figure_2d(snapshot(tmp_path, mass=factor * np.full(COUNT, 3.1e-4))).axes[-1]
+    assert any("10^" in text.get_text() for text in axes.get_yticklabels()) == (factor < 1.0)
+    assert (axes.bbox.x0 > (figure.LEFT + 0.01) * figure.DPI) == (factor < 1.0)
+    assert axes.yaxis.get_tightbbox().x0 > 0.05 * figure.DPI
+
+
 def test_grains_without_mass_or_of_one_size(tmp_path):
     nothing = snapshot(tmp_path, mass=np.zeros(COUNT))
     assert figure._grain_fields(nothing) == []

@@ -200,6 +200,20 @@ def test_no_text_leaves_the_figure_in_any_style(run, style, words, kind, populat
     assert drawn.height > 0.85 * up and drawn.width > 0.85 * across  # and little of it is empty
 
 
+@pytest.mark.parametrize("style", [None, "paper"])
+@pytest.mark.parametrize("words", [["dust.surface_density"], ["dust.stokes", "surface_density", "dust.0.v_r"]])
+def test_labels_of_profiles_have_space_next_to_wide_numbers(run, style, words):
+    """Numbers like 2e-11 are wider than the space left of a panel; all panels become narrower by the same length."""
+    figure = figure_of(run, *words, kind="profile", style=style, limits="3.1e-12,1.7e-11")
+    panels = figure.axes
+    assert np.ptp([axes.bbox.width for axes in panels]) < 1e-6
+    assert any("10^" in text.get_text() for axes in panels for text in axes.get_yticklabels())
+    for axes in panels:
+        label = axes.yaxis.label.get_window_extent()
+        assert label.x0 > 0.05 * figure.dpi
+        assert not any(label.overlaps(other.bbox) for other in panels)
+
+
 @pytest.mark.parametrize(
     ("word", "kind"), [("gas.toomre_q", None), ("surface_density", "profile"), ("gas.v_r", "phase")]
 )
