@@ -31,6 +31,14 @@ def centroid_azimuths(angles: int) -> np.ndarray:
     return (np.arange(angles) + 0.5) * (2.0 * np.pi / angles)
 
 
+def ring_centroids(sides: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return centroid radii (rings,) of cells in rings with `sides` (rings + 1,), and areas per angle (rings,)."""
+    low, high = sides[:-1], sides[1:]
+    volume = 0.5 * (high - low) * (high + low)
+    # (r_o^3 - r_i^3) / (3 volume), without a difference of cubes.
+    return (high - low) * (high * high + high * low + low * low) / (3.0 * volume), volume
+
+
 class PolarShape(NamedTuple):
     """Polar grid: numbers of rings and of cells in a ring, radii of the edges, and whether the edges are closed."""
 
@@ -56,10 +64,8 @@ class PolarShape(NamedTuple):
 
     def centroids(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return radii (rings,) and azimuths (angles,) of the centroids of cells, and the areas (rings,) of cells."""
-        sides, angle = ring_sides(self.rings, self.inner, self.outer), 2.0 * np.pi / self.angles
-        low, high = sides[:-1], sides[1:]
-        radius = (high**2 + high * low + low**2) / (1.5 * (high + low))
-        return radius, centroid_azimuths(self.angles), 0.5 * angle * (high - low) * (high + low)
+        radius, volume = ring_centroids(ring_sides(self.rings, self.inner, self.outer))
+        return radius, centroid_azimuths(self.angles), volume * (2.0 * np.pi / self.angles)
 
     def mass_in_rings(self, mass: np.ndarray, edges: np.ndarray) -> np.ndarray:
         """Return the mass in rings between the radii `edges` (n + 1,), which divide cells with uniform density.

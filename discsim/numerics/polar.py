@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from discsim.formulas.polar import centroid_azimuths, ring_sides
+from discsim.formulas.polar import centroid_azimuths, ring_centroids, ring_sides
 from discsim.kernels.polar import forces, sampling, tracer, transport, viscosity
 from discsim.kernels.polar.geometry import DENSITY, ENERGY, GHOSTS, Geometry, fill_force_ghosts, fill_ghosts
 from discsim.kernels.polar.parabola import side_coefficients
@@ -35,11 +35,8 @@ NOTHING_PASSED = tracer.Passed(np.empty((0, 0)), np.empty((0, 0)), np.empty(0, n
 def geometry_of(rings: int, angles: int, inner: float, outer: float, closed: bool) -> Geometry:
     """Return the geometry of `rings` rings of `angles` polar cells between two radii. closed: the edges are walls."""
     sides = ring_sides(rings, inner, outer, GHOSTS)
-    volume = 0.5 * (sides[1:] - sides[:-1]) * (sides[1:] + sides[:-1])
+    radius, volume = ring_centroids(sides)
     own = slice(GHOSTS, GHOSTS + rings)
-    # Centroid (r_o^3 - r_i^3) / (3 volume), without a difference of cubes.
-    low, high = sides[:-1], sides[1:]
-    radius = (high - low) * (high * high + high * low + low * low) / (3.0 * volume)
     azimuth = centroid_azimuths(angles)
     return Geometry(
         sides[GHOSTS : rings + GHOSTS + 1].copy(), radius[own].copy(), volume[own].copy(), 2.0 * math.pi / angles,
