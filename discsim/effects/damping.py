@@ -23,9 +23,9 @@ from discsim.effects import base
 from discsim.initial import balance, start_of
 from discsim.numerics.state import State
 from discsim.numerics.threads import parallel_for
-from discsim.numerics.totals import rounded
+from discsim.numerics.totals import rounded, total
 from discsim.parts import Lazy
-from discsim.physics import profile
+from discsim.physics import growth, profile
 from discsim.physics.centre import kepler_omega
 from discsim.physics.orbits import drift_masses
 from discsim.physics.polar import cell_areas, polar_shape
@@ -154,7 +154,15 @@ class Effect(base.Effect):
             state.ledger.damped_angular_momentum += float(lost[2])
             state.ledger.damped_gas += float(lost[3])
             if mass is not None:
-                state.gas.keep_contents(mass)
+                self._keep_contents(state, mass)
+
+    def _keep_contents(self, state: State, mass: np.ndarray) -> None:
+        """Adapt what the gas carries to its masses, `mass` (n,) before, and record the small dust that zones take."""
+        gas = state.gas
+        before = None if gas.small is None else gas.small.copy()
+        gas.keep_contents(mass)
+        if before is not None and not growth.gas_mass_includes_small_dust(self.scene):
+            state.ledger.damped_gas += total(before - gas.small)
 
 
 def _damped_fraction(scene: Scene) -> float:

@@ -32,10 +32,11 @@ multiplied by
 
     exp(share n^2 / (n^2 + 300^2) Re [2 <(1 - l) exp(i phi)> exp(-i phi)]),   l = ln r rho - <ln r rho>     (6)
 
-with means over the mass of the ring. An eccentric pattern in a disc about a star stays in place for many orbits, and
-errors of eq. (1) add up in it: without eq. (6) the pattern of the density has half of the amplitude of that of the
-mass, and a phase that differs by 40 to 60 degrees. Eccentric modes of discs with self-gravity then grow. Without
-self-gravity they decay, and the noise in the pattern of the mass would only double the random motion of the gas.
+with means over the mass of the ring, whose sums are smoothed eight times. An eccentric pattern in a disc about a star
+stays in place for many orbits, and errors of eq. (1) add up in it: without eq. (6) the pattern of the density has half
+of the amplitude of that of the mass, and a phase that differs by 40 to 60 degrees. Eccentric modes of discs with
+self-gravity then grow. Without self-gravity they decay, and the noise in the pattern of the mass would only double the
+random motion of the gas.
 
 The mean pressure of a periodic plane has no gradient. The density of the plane is the summed one, and
 
