@@ -25,6 +25,7 @@ KEPT = HERE / "_generated"
 # Figures of whole runs that take minutes: analysis/figures.
 SHIPPED = {
     "dead_zone_oneway": "dead_zone.png",
+    "dead_zone_sph": "dead_zone.png",
     "dead_zone_twoway": "dead_zone.png",
     "disc": "first_disc.png",
     "dusty_disc": "dusty_disc.png",

@@ -198,3 +198,19 @@ def test_planet_opens_a_gap_and_traps_dust(tmp_path):
     assert gap.depth("dust.0") < 0.5 * gap.depth("gas")
     depths = [depth for _, depth in gap.history()]
     assert depths == sorted(depths, reverse=True)
+
+
+def test_a_dead_zone_of_quiet_gas_stays_circular():
+    """Slow eccentric modes of a disc are stable (Tremaine 2001, AJ 121, 1776).
+
+    With a pressure that lags behind the mass e was .01 by now, a factor of e more every 300 years. The noise of the
+    particles makes 2e-4.
+    """
+    size = ["gas.particles=20000", 'run.until="2000 yr"']
+    sim = Simulation(load_scene("setups/dead_zone_sph.toml", size, without=["dust", "drag", "growth"]))
+    sim.run()
+    gas = sim.gas
+    r = np.hypot(*gas.pos.T)
+    radial, direction = (gas.pos * gas.vel).sum(axis=1) / r, (gas.pos[:, 0] + 1j * gas.pos[:, 1]) / r
+    inside = (r > 7.0) & (r < 18.0)  # au
+    assert 2.0 * abs((radial * direction * np.sqrt(r / 0.8))[inside].mean()) < 1e-3

@@ -16,7 +16,7 @@ from discsim.run.runner import run_scene
 from setups import SETUPS
 
 FLIPS, CUTS = 500, 30  # of each file, in each of two runs
-NAMES = ("planet_dust", "dead_zone_twoway")  # companions and their table; heat and growth
+NAMES = ("planet_dust", "dead_zone_sph")  # companions and their table; heat and growth
 
 
 @pytest.fixture(scope="module", params=NAMES)

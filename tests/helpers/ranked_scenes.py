@@ -373,7 +373,7 @@ FEW_SCENES = (
     "shearing box", "shearing box isph",
     "heat paid around", "constant sparse", "sizes", "growth of all", "growth of many", "growth in a patch",
     "diffusion in clumps", "diffusion eaten", "diffusion in a box", "everything", "clumps", "one tile", "mk heat",
-    "esph two-way 1D", "emsi-ppm shock", "setup dead_zone_oneway",
+    "esph two-way 1D", "emsi-ppm shock", "setup dead_zone_oneway", "setup dead_zone_sph",
     "rings", "rings losing", "few rings", "rings that move", "rings everything", "rings growth losing",
     "rings growth in a patch", "few rings growth", "rings diffusion", "rings diffusion far",
 )  # fmt: skip
