@@ -160,20 +160,20 @@ def test_until_as_people_write_it(tmp_path):
 def test_more_memory_than_there_is(tmp_path):
     path, out = tmp_path / "disc.toml", tmp_path / "out"
     path.write_text(load_scene(disc()).text)
-    words = r"memory: the run needs about 559 GiB, and this machine has [\d.]+ GiB; choose fewer particles or cells"
+    words = r"memory: the run needs about 466 GiB, and this machine has [\d.]+ GiB; choose fewer particles or cells"
     large = load_scene(path, ["gas.particles=1e9"])
     with pytest.raises(SceneError, match=words):
         Simulation(large)
     (line,) = (line for line in report(large).splitlines() if "memory: " in line)
-    assert "559 GiB" in line
+    assert "466 GiB" in line
     done = CliRunner().invoke(cli.app, ["run", str(path), "--set", "gas.particles=1e9", "-o", str(out), "--quiet"])
-    assert done.exit_code == 2 and "559 GiB" in done.output + done.stderr and not out.exists()
+    assert done.exit_code == 2 and "466 GiB" in done.output + done.stderr and not out.exists()
 
 
 def test_memory_of_a_line_and_of_a_grid(monkeypatch):
     assert list(memory_warnings(load_scene(wave()))) == []
     (line,) = memory_warnings(load_scene(wave({"particles": 10**10})))
-    assert "5.59e+03 GiB" in line
+    assert "4.66e+03 GiB" in line
     # 65536^2 cells of gravity, with their transforms.
     (line,) = memory_warnings(load_scene(disc(self_gravity={"softening": 0.1}), ["space.cells=65536"]))
     assert float(line.split("about ")[1].split()[0]) > 200
