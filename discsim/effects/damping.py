@@ -159,9 +159,10 @@ class Effect(base.Effect):
     def _keep_contents(self, state: State, mass: np.ndarray) -> None:
         """Adapt what the gas carries to its masses, `mass` (n,) before, and record the small dust that zones take."""
         gas = state.gas
-        before = None if gas.small is None else gas.small.copy()
+        is_separate = gas.small is not None and not growth.gas_mass_includes_small_dust(self.scene)
+        before = gas.small.copy() if is_separate else None
         gas.keep_contents(mass)
-        if before is not None and not growth.gas_mass_includes_small_dust(self.scene):
+        if before is not None:
             state.ledger.damped_gas += total(before - gas.small)
 
 

@@ -503,7 +503,7 @@ def test_the_step_of_long_cells(rings):
     ids=["long in radius", "long in azimuth", "adiabatic", "viscous"],
 )
 def test_a_fixed_step_beyond_the_limit_of_the_cells(gas, more, name):
-    """`check` has the limit of a run, at the inner edge; the run has it at the first centroid, up to 16% further."""
+    """`check` takes the limit at the inner edge, a run at the first centroid, where it is up to 16% longer."""
     scene = changed(DISC, gas=DISC["gas"] | gas, **more)
     sim = Simulation(scene)
     sim.step(1e-6)
